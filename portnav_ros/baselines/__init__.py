@@ -1,0 +1,1 @@
+"""Local planners without learning, and the ceiling that knows the future."""

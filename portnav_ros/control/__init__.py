@@ -1,0 +1,1 @@
+"""From setpoints to rudder and thrust."""

@@ -1,0 +1,1 @@
+"""Episodes to figures: bags, metrics, plots, reports, benchmarks."""

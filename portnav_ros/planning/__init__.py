@@ -1,0 +1,1 @@
+"""Global planning: RRT* paths, clearance-cost routes, smoothing."""

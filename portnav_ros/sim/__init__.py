@@ -1,0 +1,1 @@
+"""The world: scenarios, ports, traffic, ranging sensor, and their batched simulation."""

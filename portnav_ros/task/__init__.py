@@ -1,0 +1,1 @@
+"""The task as reinforcement learning sees it: observation, actions, reward, environment."""
