@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
-from portnav_ros.types import Array, Array32
+from portnav_ros.types import Array, Array32, BoolArray, IntArray
 
 
 class Observation(NamedTuple):
@@ -19,7 +19,7 @@ class Observation(NamedTuple):
     ranges: Array32
     own: Array
     path: Array
-    path_length: Array
+    path_length: IntArray
     progress: Array
     features: Array32
 
@@ -27,7 +27,7 @@ class Observation(NamedTuple):
 class Policy(Protocol):
     """A local planner for B vessels."""
 
-    def reset(self, which: Array) -> None:
+    def reset(self, which: BoolArray) -> None:
         """Forget what belongs to the vessels [B] (bool) whose episode starts anew."""
 
     def act(self, observation: Observation) -> Array:

@@ -1,0 +1,218 @@
+"""What the local planner sees: ranges, odometry, path errors, points ahead, the previous action.
+
+Herremans et al. stack four such frames. The paper does not tell scales, frames or spacing; those
+chosen here are the fields of `ObservationParams`, and all points are in the body frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from portnav_ros.geometry import to_body, wrap_angle
+from portnav_ros.params import ParamError, check_range
+from portnav_ros.sim.scenario import PATH_SPACING_M, LidarParams
+from portnav_ros.task.path_errors import advance, path_errors, path_point
+from portnav_ros.task.policy import Observation
+from portnav_ros.types import SURGE, YAW, YAW_RATE, Array, Array32, BoolArray, IntArray, X, Y
+
+
+@dataclass(frozen=True)
+class ObservationParams:
+    """Shape and scales of the feature vector."""
+
+    frames: int = 4
+    sectors: int = 60  # rays are pooled into sectors by their minimum
+    path_points: int = 10
+    path_point_spacing_m: float = 30.0
+    lookahead_m: float = 100.0  # of the line-of-sight point b
+    position_scale_m: float = 50.0
+    speed_scale_mps: float = 5.0
+    yaw_rate_scale_radps: float = 0.05
+    heading_change_scale_rad: float = math.pi / 6.0
+
+    def __post_init__(self) -> None:
+        """Refuse empty shapes and zero scales."""
+        check_range(
+            self,
+            frames=(1, 64),
+            sectors=(1, 4096),
+            path_points=(1, 100),
+            path_point_spacing_m=(1.0, 1000.0),
+            lookahead_m=(1.0, 1000.0),
+            position_scale_m=(1e-3, 1e6),
+            speed_scale_mps=(1e-3, 1e3),
+            yaw_rate_scale_radps=(1e-6, 1e3),
+            heading_change_scale_rad=(1e-3, math.pi),
+        )
+
+    @property
+    def frame_size(self) -> int:
+        """Features of one frame: sectors, surge, yaw rate, 3 errors, path points, 2 of the action."""
+        return self.sectors + 2 + 3 + 2 * self.path_points + 2
+
+    @property
+    def size(self) -> int:
+        """Length F of the feature vector, newest frame first."""
+        return self.frames * self.frame_size
+
+
+class Scales(NamedTuple):
+    """ObservationParams as scalars for compiled code."""
+
+    sectors: int
+    path_points: int
+    path_step: float
+    lookahead_m: float
+    range_m: float
+    position_m: float
+    speed_mps: float
+    yaw_rate_radps: float
+    heading_change_rad: float
+
+
+class Observer:
+    """Turns states and scans of B vessels into observations; remembers frames and progress."""
+
+    def __init__(self, batch: int, lidar: LidarParams, params: ObservationParams) -> None:
+        """Allocate for B vessels with one kind of sensor.
+
+        Raises:
+            ParamError: the rays cannot be pooled into equal sectors.
+        """
+        if lidar.rays % params.sectors:
+            raise ParamError(f'sectors = {params.sectors} does not divide the {lidar.rays} rays of the lidar')
+        self.params = params
+        self._scales = Scales(
+            params.sectors,
+            params.path_points,
+            params.path_point_spacing_m / PATH_SPACING_M,
+            params.lookahead_m,
+            lidar.range_max_m,
+            params.position_scale_m,
+            params.speed_scale_mps,
+            params.yaw_rate_scale_radps,
+            params.heading_change_scale_rad,
+        )
+        self._features = np.zeros((batch, params.size), np.float32)
+        self._path = np.zeros((batch, 2, 2))
+        self._count = np.full(batch, 2, np.int64)
+        self._progress = np.full(batch, -1.0)
+        self._errors = np.zeros((batch, 3))
+        self._last_yaw = np.full(batch, np.nan)
+
+    @property
+    def errors(self) -> Array:
+        """Path errors [B, 3] at the last update: e_x, e_y in m (body frame), e_psi in rad."""
+        return self._errors
+
+    @property
+    def progress(self) -> Array:
+        """Index with fraction [B] of the path point closest to each vessel."""
+        return self._progress
+
+    def reset(self, which: BoolArray, paths: Sequence[Array]) -> None:
+        """Start episodes anew: `which` [B] tells whose, `paths` holds one [W, 2] for each of those."""
+        for b, path in zip(np.flatnonzero(which), paths, strict=True):
+            if len(path) > self._path.shape[1]:
+                grown = np.zeros((len(self._path), 2 * len(path), 2))
+                grown[:, : self._path.shape[1]] = self._path
+                self._path = grown
+            self._path[b, : len(path)] = path
+            self._count[b] = len(path)
+        self._progress[which] = -1.0
+        self._last_yaw[which] = np.nan
+
+    def update(self, own: Array, ranges: Array32, setpoint: Array) -> Observation:
+        """Take in a decision period.
+
+        Args:
+            own: [B, 7] state rows.
+            ranges: [B, R] m as sensed.
+            setpoint: [B, 2] the setpoints given at the last decision; unread after a reset.
+        """
+        _observe(
+            self._scales,
+            own,
+            ranges,
+            setpoint,
+            self._path,
+            self._count,
+            self._progress,
+            self._errors,
+            self._last_yaw,
+            self._features,
+        )
+        return Observation(ranges, own, self._path, self._count, self._progress, self._features)
+
+
+@njit(cache=True, nogil=True)
+def _observe(
+    scales: Scales,
+    own: Array,
+    ranges: Array32,
+    setpoint: Array,
+    path: Array,
+    count: IntArray,
+    progress: Array,
+    errors: Array,
+    last_yaw: Array,
+    features: Array32,
+) -> None:
+    frame = scales.sectors + 7 + 2 * scales.path_points
+    frames = features.shape[1] // frame
+    for b in range(len(own)):
+        fresh = math.isnan(last_yaw[b])
+        progress[b] = advance(path[b], count[b], progress[b], own[b, X], own[b, Y])
+        errors[b] = path_errors(own[b], path[b], count[b], progress[b], scales.lookahead_m)
+        for i in range(features.shape[1] - 1, frame - 1, -1):
+            features[b, i] = features[b, i - frame]
+        row = features[b, :frame]
+        _pool(ranges[b], scales.range_m, row[: scales.sectors])
+        at = _write_motion(scales, own[b], errors[b], row, scales.sectors)
+        at = _write_path(scales, own[b], path[b], count[b], progress[b], row, at)
+        row[at] = 0.0 if fresh else wrap_angle(setpoint[b, 0] - last_yaw[b]) / scales.heading_change_rad
+        row[at + 1] = 0.0 if fresh else setpoint[b, 1] / scales.speed_mps
+        last_yaw[b] = own[b, YAW]
+        if fresh:
+            for f in range(1, frames):
+                features[b, f * frame : (f + 1) * frame] = row
+
+
+@njit(cache=True, nogil=True)
+def _pool(ranges: Array32, range_max_m: float, out: Array32) -> None:
+    """Least range of each sector as a share of the sensor's reach; an invalid ray reads as far."""
+    width = len(ranges) // len(out)
+    for s in range(len(out)):
+        least = range_max_m
+        for i in range(s * width, (s + 1) * width):
+            if ranges[i] < least:
+                least = ranges[i]
+        out[s] = max(least, 0.0) / range_max_m
+
+
+@njit(cache=True, nogil=True)
+def _write_motion(scales: Scales, own: Array, errors: Array, row: Array32, at: int) -> int:
+    row[at] = own[SURGE] / scales.speed_mps
+    row[at + 1] = own[YAW_RATE] / scales.yaw_rate_radps
+    row[at + 2] = errors[0] / scales.position_m
+    row[at + 3] = errors[1] / scales.position_m
+    row[at + 4] = errors[2] / math.pi
+    return at + 5
+
+
+@njit(cache=True, nogil=True)
+def _write_path(
+    scales: Scales, own: Array, path: Array, count: int, progress: float, row: Array32, at: int
+) -> int:
+    for k in range(scales.path_points):
+        px, py = path_point(path, count, progress + (k + 1) * scales.path_step)
+        x, y = to_body(own[X], own[Y], own[YAW], px, py)
+        row[at + 2 * k] = x / scales.range_m
+        row[at + 2 * k + 1] = y / scales.range_m
+    return at + 2 * scales.path_points
