@@ -1,0 +1,230 @@
+"""``portnav doctor``: look at an installation and say what to mend. Works with whatever is missing."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.metadata
+import importlib.util
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from portnav_ros import __version__
+from portnav_ros.params import ParamError
+from portnav_ros.resources import config_path
+
+LIBRARIES = {
+    'numpy': 'numpy',
+    'numba': 'numba',
+    'scipy': 'scipy',
+    'shapely': 'shapely',
+    'pyproj': 'pyproj',
+    'yaml': 'pyyaml',
+    'gymnasium': 'gymnasium',
+    'ompl': 'ompl',
+    'rosbags': 'rosbags',
+    'matplotlib': 'matplotlib',
+    'tqdm': 'tqdm',
+    'PIL': 'pillow',
+}
+DISTRO = 'jazzy'
+MIDDLEWARE = 'rmw_fastrtps_cpp'
+LOOPBACK_TIMEOUT_S = 30.0
+SHARED_MEMORY_LEAST_MB = 32
+DOMAIN_ID_MOST = 101
+DISCOVERY_RANGES = ('LOCALHOST', 'SUBNET', 'OFF', 'SYSTEM_DEFAULT')
+
+
+class Finding(NamedTuple):
+    """What one check saw, and how to mend it where it is not ok."""
+
+    check: str
+    status: Literal['ok', 'warn', 'fail']
+    found: str
+    mend: str = ''
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare --json."""
+    parser.add_argument(
+        '--json', nargs='?', const='-', metavar='FILE', help='write JSON to FILE (or standard output)'
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print one line per check; returns 1 if any failed, else 0."""
+    findings = examine(os.environ)
+    text = json.dumps([finding._asdict() for finding in findings], indent=2)
+    if arguments.json == '-':
+        print(text)
+    else:
+        if arguments.json:
+            Path(arguments.json).write_text(text + '\n', encoding='utf-8')
+        print('\n'.join(_table(findings)))
+    return 1 if any(finding.status == 'fail' for finding in findings) else 0
+
+
+def examine(environment: Mapping[str, str]) -> list[Finding]:
+    """Make all checks; the environment is an argument so that tests can set it."""
+    return [
+        check_python(sys.version_info[:2]),
+        *(check_library(module, name) for module, name in LIBRARIES.items()),
+        check_data(config_path),
+        check_kernel_cache(Path(__file__).parent, environment),
+        check_ros_distro(environment),
+        check_domain(environment),
+        check_discovery(environment),
+        check_shared_memory(Path('/dev/shm')),
+        check_loopback(environment),
+        check_torch(),
+    ]
+
+
+def check_python(version: tuple[int, int]) -> Finding:
+    """3.11 and 3.12 have wheels of every library."""
+    found = f'{version[0]}.{version[1]} ({sys.executable}), portnav_ros {__version__}'
+    if version < (3, 11):
+        return Finding('python', 'fail', found, 'install Python 3.11 or 3.12 and make a new environment')
+    if version > (3, 12):
+        return Finding('python', 'warn', found, 'tested on 3.11 and 3.12; the ROS wheels exist for these')
+    return Finding('python', 'ok', found)
+
+
+def check_library(module: str, name: str) -> Finding:
+    """Import a required library."""
+    try:
+        importlib.import_module(module)
+        return Finding(name, 'ok', importlib.metadata.version(name))
+    except Exception as error:  # a broken binary wheel raises anything
+        return Finding(name, 'fail', str(error), f'pip install -c constraints.txt {name}')
+
+
+def check_data(find: Callable[..., Path]) -> Finding:
+    """The configuration files came with the package."""
+    try:
+        return Finding('data files', 'ok', str(find('difficulties').parent))
+    except ParamError as error:
+        return Finding('data files', 'fail', str(error), 'install the package again, or clone all of it')
+
+
+def check_kernel_cache(package: Path, environment: Mapping[str, str]) -> Finding:
+    """Compiled kernels are kept, so that only the first start waits for the compiler."""
+    chosen = environment.get('NUMBA_CACHE_DIR')
+    folders = [Path(chosen)] if chosen else [package, Path.home()]
+    for folder in folders:
+        if os.access(folder, os.W_OK):
+            return Finding('kernel cache', 'ok', f'{folder} is writable')
+    mend = 'set NUMBA_CACHE_DIR to a folder that you can write, else every start compiles for half a minute'
+    return Finding('kernel cache', 'warn', f'{folders[0]} cannot be written', mend)
+
+
+def check_ros_distro(environment: Mapping[str, str]) -> Finding:
+    """One ROS at a time, and Jazzy."""
+    distro = environment.get('ROS_DISTRO')
+    from_wheels = _has_distribution('ros-jazzy-rclpy')
+    if distro and distro != DISTRO:
+        return Finding('ros', 'fail', f'ROS_DISTRO={distro}', f'source ROS 2 {DISTRO}, in a new shell')
+    if distro and from_wheels:
+        mend = 'use one of them: a shell that does not source setup.bash, or an environment without the extra'
+        return Finding('ros', 'warn', f'{distro} is sourced, and the ros wheels are installed', mend)
+    if distro or from_wheels:
+        return Finding('ros', 'ok', f'{distro} (sourced)' if distro else f'{DISTRO} (wheels)')
+    mend = "pip install -c constraints.txt '.[ros]', or source a full ROS 2 Jazzy; evaluation needs neither"
+    return Finding('ros', 'warn', 'no ROS: no nodes', mend)
+
+
+def check_domain(environment: Mapping[str, str]) -> Finding:
+    """A domain whose ports do not meet those the system hands out."""
+    text = environment.get('ROS_DOMAIN_ID', '0')
+    if text.isdecimal() and int(text) <= DOMAIN_ID_MOST:
+        return Finding('domain', 'ok', f'ROS_DOMAIN_ID={text}')
+    return Finding('domain', 'fail', f'ROS_DOMAIN_ID={text}', f'set a number from 0 to {DOMAIN_ID_MOST}')
+
+
+def check_discovery(environment: Mapping[str, str]) -> Finding:
+    """Who may find the nodes."""
+    chosen = environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'unset (portnav up and demo take LOCALHOST)')
+    found = f'ROS_AUTOMATIC_DISCOVERY_RANGE={chosen}' if ' ' not in chosen else chosen
+    if ' ' not in chosen and chosen not in DISCOVERY_RANGES:
+        return Finding('discovery', 'fail', found, f'set it to one of {", ".join(DISCOVERY_RANGES)}')
+    if chosen == 'OFF':
+        return Finding('discovery', 'fail', found, 'nodes cannot find each other: set it to LOCALHOST')
+    return Finding('discovery', 'ok', found)
+
+
+def check_shared_memory(folder: Path) -> Finding:
+    """Fast DDS sends within one machine through here."""
+    if not folder.is_dir():
+        return Finding('shared memory', 'warn', f'no {folder}', 'Fast DDS takes UDP: slower, but it works')
+    free_mb = shutil.disk_usage(folder).free // 2**20
+    if free_mb < SHARED_MEMORY_LEAST_MB:
+        mend = f'remove stale {folder}/fastrtps_* while no node runs; in Docker: --shm-size=256m'
+        return Finding('shared memory', 'warn', f'{free_mb} MB free in {folder}', mend)
+    return Finding('shared memory', 'ok', f'{free_mb} MB free in {folder}')
+
+
+def check_loopback(environment: Mapping[str, str]) -> Finding:
+    """Two participants find each other, in a process of its own, which may hang or crash."""
+    if importlib.util.find_spec('rclpy') is None:
+        return Finding('round trip', 'warn', 'not tried: no rclpy', 'see `ros` above')
+    try:
+        result = _run_loopback(environment)
+    except subprocess.TimeoutExpired:
+        return _no_loopback(f'hung for {LOOPBACK_TIMEOUT_S:.0f} s')
+    if result.returncode != 0:
+        return _no_loopback(_last_line(result.stderr) or f'exit code {result.returncode}')
+    answer = json.loads(_last_line(result.stdout))
+    found = f'first message after {1000.0 * answer["elapsed_s"]:.0f} ms through {answer["rmw"]}'
+    if answer['rmw'] != MIDDLEWARE:
+        return Finding('round trip', 'warn', found, f'tested with RMW_IMPLEMENTATION={MIDDLEWARE} only')
+    return Finding('round trip', 'ok', found)
+
+
+def check_torch() -> Finding:
+    """Only the MuZero planner needs it."""
+    if _has_distribution('torch'):
+        return Finding('torch', 'ok', importlib.metadata.version('torch'))
+    return Finding('torch', 'ok', 'not installed; only the MuZero planner needs it (extra `muzero`)')
+
+
+def _run_loopback(environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, '-m', 'portnav_ros.nodes.loopback'],
+        env={'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', **environment},
+        capture_output=True,
+        text=True,
+        timeout=LOOPBACK_TIMEOUT_S,
+    )
+
+
+def _no_loopback(found: str) -> Finding:
+    mend = 'unset RMW_IMPLEMENTATION and FASTRTPS_DEFAULT_PROFILES_FILE; try another ROS_DOMAIN_ID'
+    return Finding('round trip', 'fail', found, mend)
+
+
+def _has_distribution(name: str) -> bool:
+    try:
+        importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return False
+    return True
+
+
+def _last_line(text: str) -> str:
+    lines = text.strip().splitlines()
+    return lines[-1] if lines else ''
+
+
+def _table(findings: list[Finding]) -> Iterator[str]:
+    for finding in findings:
+        yield f'{finding.status:4}  {finding.check:13}  {finding.found}'
+        if finding.mend:
+            yield f'      {"":13}  -> {finding.mend}'
+    bad = [finding.check for finding in findings if finding.status == 'fail']
+    yield f'\n{len(bad)} to mend: {", ".join(bad)}' if bad else '\nready to sail'

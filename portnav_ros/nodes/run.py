@@ -1,0 +1,35 @@
+"""``portnav run NODE``: start one node of the graph, as ``ros2 run portnav_ros NODE`` does."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+
+EXECUTABLES = (
+    'sim',
+    'global_planner',
+    'muzero_planner',
+    'dwa_planner',
+    'line_of_sight_planner',
+    'pid_controller',
+    'bag_recorder',
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the node's name; the rest of the line is the node's own."""
+    parser.add_argument('node', choices=EXECUTABLES, metavar='NODE', help=', '.join(EXECUTABLES))
+    parser.add_argument(
+        'arguments',
+        nargs=argparse.REMAINDER,
+        metavar='...',
+        help='for the node, e.g. --ros-args -p seed:=3 -r setpoint_raw:=setpoint',
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the node in this process until it ends; returns its exit code."""
+    module = importlib.import_module(f'portnav_ros.nodes.{arguments.node}')
+    sys.argv = [arguments.node, *arguments.arguments]
+    return int(module.main() or 0)
