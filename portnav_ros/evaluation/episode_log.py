@@ -5,11 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from portnav_ros.harbour import Harbour
+from portnav_ros.task.observation import ObservationParams
+from portnav_ros.task.path_errors import path_errors_along
 from portnav_ros.types import STATE_SIZE, Array, Array32, IntArray, Outcome
 from portnav_ros.vessel import VesselParams
 
@@ -95,6 +98,11 @@ class EpisodeLog:
     def length_s(self) -> float:
         """Simulated time from the first row to the last."""
         return float(self.time_s[-1] - self.time_s[0])
+
+    @cached_property
+    def errors(self) -> Array:
+        """Line-of-sight path errors [T, 3]: e_x, e_y in m (body frame), e_psi in rad."""
+        return path_errors_along(self.own, self.path, ObservationParams().lookahead_m)
 
     def thinned(self, period_s: float) -> EpisodeLog:
         """Keep the rows closest after each multiple of a period, and the last.
