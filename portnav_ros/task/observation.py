@@ -105,6 +105,7 @@ class Observer:
         self._progress = np.full(batch, -1.0)
         self._errors = np.zeros((batch, 3))
         self._last_yaw = np.full(batch, np.nan)
+        self._everyone = np.ones(batch, dtype=bool)
 
     @property
     def errors(self) -> Array:
@@ -128,13 +129,16 @@ class Observer:
         self._progress[which] = -1.0
         self._last_yaw[which] = np.nan
 
-    def update(self, own: Array, ranges: Array32, setpoint: Array) -> Observation:
+    def update(
+        self, own: Array, ranges: Array32, setpoint: Array, which: BoolArray | None = None
+    ) -> Observation:
         """Take in a decision period.
 
         Args:
             own: [B, 7] state rows.
             ranges: [B, R] m as sensed.
             setpoint: [B, 2] the setpoints given at the last decision; unread after a reset.
+            which: [B] the vessels to update; all by default.
         """
         _observe(
             self._scales,
@@ -147,6 +151,7 @@ class Observer:
             self._errors,
             self._last_yaw,
             self._features,
+            self._everyone if which is None else which,
         )
         return Observation(ranges, own, self._path, self._count, self._progress, self._features)
 
@@ -163,10 +168,11 @@ def _observe(
     errors: Array,
     last_yaw: Array,
     features: Array32,
+    which: BoolArray,
 ) -> None:
     frame = scales.sectors + 7 + 2 * scales.path_points
     frames = features.shape[1] // frame
-    for b in range(len(own)):
+    for b in np.flatnonzero(which):
         fresh = math.isnan(last_yaw[b])
         progress[b] = advance(path[b], count[b], progress[b], own[b, X], own[b, Y])
         errors[b] = path_errors(own[b], path[b], count[b], progress[b], scales.lookahead_m)

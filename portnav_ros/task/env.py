@@ -1,0 +1,195 @@
+"""Gymnasium environments: one vessel, or B vessels at once on the batched world.
+
+Importing this module registers ``portnav_ros/Port-v0``::
+
+    import gymnasium
+    import portnav_ros.task.env
+
+    env = gymnasium.make('portnav_ros/Port-v0', difficulty='harbour')
+    envs = gymnasium.make_vec('portnav_ros/Port-v0', num_envs=256, difficulty='harbour')
+
+An episode that reaches its goal or collides is terminated; one that runs out of time is truncated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from portnav_ros.sim.generator import ScenarioPool, load_difficulty
+from portnav_ros.sim.scenario import Scenario, ScenarioError
+from portnav_ros.sim.world import World
+from portnav_ros.task.actions import ActionParams, setpoints_of
+from portnav_ros.task.observation import ObservationParams, Observer
+from portnav_ros.task.reward import TERMS, RewardParams, reward_terms
+from portnav_ros.types import Array, Array32, BoolArray, IntArray, Outcome
+
+ScenarioSource = Callable[[np.random.Generator], Scenario]
+
+
+@dataclass(frozen=True)
+class TaskParams:
+    """What the agent sees, does and is paid for."""
+
+    observation: ObservationParams = field(default_factory=ObservationParams)
+    actions: ActionParams = field(default_factory=ActionParams)
+    reward: RewardParams = field(default_factory=RewardParams)
+
+
+class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
+    """B ports at once. An ended episode is followed by a new one in the same step.
+
+    Observations [B, F] float32 are scaled to about 1; actions [B] number the 27 setpoints. ``infos``
+    holds ``outcome`` [B] (types.Outcome), ``errors`` [B, 3] (m, m, rad), ``reward_terms`` [B, 5], and
+    where an episode has ended ``final_obs`` [B, F] and ``_final_obs`` [B].
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        difficulty: str = 'harbour',
+        ports: int = 16,
+        seed: int = 0,
+        source: ScenarioSource | None = None,
+        task: TaskParams | None = None,
+        autoreset_mode: AutoresetMode = AutoresetMode.SAME_STEP,
+    ) -> None:
+        """Prepare the ports.
+
+        Args:
+            num_envs: B.
+            difficulty: name or file, unless a source is given.
+            ports: how many ports the pool holds.
+            seed: of the pool.
+            source: draws scenarios in place of the pool; all must share vessel and sensor.
+            task: observation, actions and reward.
+            autoreset_mode: SAME_STEP, or DISABLED, where an ended vessel stands still until
+                ``reset(options={'reset_mask': ...})``.
+        """
+        self.metadata = {'autoreset_mode': autoreset_mode, 'render_modes': []}
+        self.num_envs = num_envs
+        self.task = task or TaskParams()
+        self._table = self.task.actions.table()
+        self._source = source or ScenarioPool(load_difficulty(difficulty), ports, seed).draw
+        self._generators = [np.random.default_rng((seed, b)) for b in range(num_envs)]
+        self._world = World([self._draw(b) for b in range(num_envs)])
+        self._observer = Observer(num_envs, self._world.lidar, self.task.observation)
+        self.single_observation_space = spaces.Box(-np.inf, np.inf, (self.task.observation.size,), np.float32)
+        self.single_action_space = spaces.Discrete(self.task.actions.count)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+
+    @property
+    def world(self) -> World:
+        """The simulation, to look at."""
+        return self._world
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array32, dict[str, Any]]:
+        """Start new episodes, all B or those of ``options['reset_mask']`` [B].
+
+        Slot b is seeded with ``seed + b``, or by its entry of a list.
+        """
+        if isinstance(seed, int):
+            seed = [seed + b for b in range(self.num_envs)]
+        for b, value in enumerate(seed or ()):
+            if value is not None:
+                self._generators[b] = np.random.default_rng(value)
+        everyone = np.ones(self.num_envs, dtype=bool)
+        features = self._begin((options or {}).get('reset_mask', everyone))
+        return features.copy(), self._info()
+
+    def step(self, actions: IntArray) -> tuple[Array32, Array, BoolArray, BoolArray, dict[str, Any]]:
+        """Sail B vessels for one decision period.
+
+        Raises:
+            gymnasium.error.InvalidAction: an action is not in the action space.
+        """
+        actions = np.asarray(actions)
+        if actions.shape != (self.num_envs,) or (actions < 0).any() or (actions >= len(self._table)).any():
+            raise gymnasium.error.InvalidAction(f'{actions!r}: expected {self.num_envs} numbers below 27')
+        self._world.step(setpoints_of(actions, self._world.own, self._table))
+        features = self._observe()
+        outcome = self._world.outcome.copy()
+        terms = reward_terms(self.task.reward, self._observer.errors, outcome)
+        infos = self._info(terms)
+        truncated = outcome == Outcome.TIMEOUT
+        terminated = (outcome != Outcome.RUNNING) & ~truncated
+        ended = terminated | truncated
+        if ended.any() and self.metadata['autoreset_mode'] is AutoresetMode.SAME_STEP:
+            infos['final_obs'], infos['_final_obs'] = features.copy(), ended
+            features = self._begin(ended)
+        return features.copy(), terms.sum(axis=1), terminated, truncated, infos
+
+    def _draw(self, b: int) -> Scenario:
+        scenario = self._source(self._generators[b])
+        if scenario.path is None:
+            raise ScenarioError(f'{scenario.name}: the environment needs scenarios that hold a path')
+        return scenario
+
+    def _begin(self, which: BoolArray) -> Array32:
+        paths = []
+        for b in np.flatnonzero(which):
+            scenario = self._draw(int(b))
+            self._world.reset(int(b), scenario)
+            paths.append(scenario.path)
+        self._observer.reset(which, paths)
+        return self._observe(which)
+
+    def _observe(self, which: BoolArray | None = None) -> Array32:
+        world = self._world
+        return self._observer.update(world.own, world.ranges, world.setpoint, which).features
+
+    def _info(self, terms: Array | None = None) -> dict[str, Any]:
+        if terms is None:
+            terms = np.zeros((self.num_envs, len(TERMS)))
+        return {
+            'outcome': self._world.outcome.copy(),
+            'errors': self._observer.errors.copy(),
+            'reward_terms': terms,
+        }
+
+
+class PortEnv(gymnasium.Env[Array32, int]):
+    """One vessel in one port: `PortVectorEnv` with B = 1 and without automatic reset."""
+
+    metadata: dict[str, Any] = {'render_modes': []}  # noqa: RUF012 - declared so by Gymnasium
+
+    def __init__(self, render_mode: str | None = None, **options: Any) -> None:
+        """Prepare the ports; takes the options of `PortVectorEnv` but num_envs."""
+        self.render_mode = render_mode
+        self._batch = PortVectorEnv(1, autoreset_mode=AutoresetMode.DISABLED, **options)
+        self.observation_space = self._batch.single_observation_space
+        self.action_space = self._batch.single_action_space
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array32, dict[str, Any]]:
+        """Start a new episode."""
+        super().reset(seed=seed)
+        features, info = self._batch.reset(seed=seed)
+        return features[0], _first(info)
+
+    def step(self, action: int) -> tuple[Array32, float, bool, bool, dict[str, Any]]:
+        """Sail for one decision period."""
+        features, reward, terminated, truncated, info = self._batch.step(np.array([action]))
+        return features[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first(info)
+
+
+def _first(info: dict[str, Any]) -> dict[str, Any]:
+    return {key: value[0] for key, value in info.items()}
+
+
+gymnasium.register(
+    id='portnav_ros/Port-v0',
+    entry_point='portnav_ros.task.env:PortEnv',
+    vector_entry_point='portnav_ros.task.env:PortVectorEnv',
+)
