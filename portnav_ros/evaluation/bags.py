@@ -1,4 +1,4 @@
-"""Reads bags without ROS: what is in them, also where the recording was cut off, and the episode they tell."""
+"""Reads bags without ROS: what is in them, damaged ones too, and the episode they tell."""
 
 from __future__ import annotations
 
@@ -101,6 +101,7 @@ def _mend_sqlite(source: Path, target: Path) -> None:
     with suppress(FileNotFoundError):
         shutil.copy(source.with_name(source.name + '-journal'), copy.with_name(copy.name + '-journal'))
     with closing(sqlite3.connect(copy)) as old, closing(sqlite3.connect(target)) as new:
+        old.execute('PRAGMA writable_schema = ON')  # opens a file that is shorter than it says
         for (statement,) in old.execute('SELECT sql FROM sqlite_master WHERE type = "table"').fetchall():
             new.execute(statement)
         for table in _TABLES:
