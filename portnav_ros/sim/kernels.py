@@ -18,7 +18,8 @@ from portnav_ros.vessel import VesselModel, move_actuators, move_hull
 TICK_S = 0.05  # physics, autopilot, odometry and actuator commands: 20 Hz
 DECISION_S = 1.0  # local planner
 TICKS_PER_DECISION = 20
-TICKS_PER_CHECK = 5  # collisions, goal and time limit: 4 Hz
+TICKS_PER_CHECK = 5  # traffic, collisions, goal and time limit: 4 Hz
+CHECK_S = TICKS_PER_CHECK * TICK_S
 FAR_M = 60.0  # beyond this gap from the hull's circle a clearance is that of the circle
 
 RUNNING, SUCCESS = int(Outcome.RUNNING), int(Outcome.SUCCESS)
@@ -89,14 +90,25 @@ def step_all(
 ) -> None:
     """Advance every environment by one decision under its setpoint, then sense."""
     for b in range(len(body.own)):
-        for _ in range(TICKS_PER_DECISION):
+        for _ in range(TICKS_PER_DECISION // TICKS_PER_CHECK):
             if body.outcome[b] != RUNNING:
                 break
-            yaw, speed = body.setpoint[b, 0], body.setpoint[b, 1]
-            rudder, thrust = steer(gains, model, body.memory[b], body.own[b], yaw, speed, TICK_S)
-            body.command[b, 0], body.command[b, 1] = rudder, thrust
-            tick(chart, crowd, body, model, b)
+            _sail(body.own[b], body.memory[b], body.setpoint[b], body.command[b], model, gains)
+            body.ticks[b] += TICKS_PER_CHECK
+            _check(chart, crowd, body, model, b)
         sense(chart, crowd, body, model, rays, sensor, b)
+
+
+@njit(cache=True, nogil=True)
+def _sail(
+    own: Array, memory: Array, setpoint: Array, command: Array, model: VesselModel, gains: Gains
+) -> None:
+    """Advance one vessel under its autopilot from one check to the next."""
+    for _ in range(TICKS_PER_CHECK):
+        rudder, thrust = steer(gains, model, memory, own, setpoint[0], setpoint[1], TICK_S)
+        command[0], command[1] = rudder, thrust
+        move_actuators(model, own, rudder, thrust, TICK_S)
+        move_hull(model, own, TICK_S)
 
 
 @njit(cache=True, nogil=True)
@@ -104,14 +116,19 @@ def tick(chart: Chart, crowd: Crowd, body: Body, model: VesselModel, b: int) -> 
     """Advance environment b by one tick; an ended episode stands still."""
     if body.outcome[b] != RUNNING:
         return
-    own = body.own[b]
-    move_actuators(model, own, body.command[b, 0], body.command[b, 1], TICK_S)
-    move_hull(model, own, TICK_S)
-    move_vessels(crowd, b, TICK_S)
+    move_actuators(model, body.own[b], body.command[b, 0], body.command[b, 1], TICK_S)
+    move_hull(model, body.own[b], TICK_S)
     body.ticks[b] += 1
     if body.ticks[b] % TICKS_PER_CHECK == 0:
-        place_vessels(crowd, b)
-        body.outcome[b] = _judge(chart, crowd, body, model, b)
+        _check(chart, crowd, body, model, b)
+
+
+@njit(cache=True, nogil=True)
+def _check(chart: Chart, crowd: Crowd, body: Body, model: VesselModel, b: int) -> None:
+    """Move the traffic up to now and tell how the episode stands."""
+    move_vessels(crowd, b, CHECK_S)
+    place_vessels(crowd, b, 0.0)
+    body.outcome[b] = _judge(chart, crowd, body, model, b)
 
 
 @njit(cache=True, nogil=True)
@@ -139,18 +156,18 @@ def _judge(chart: Chart, crowd: Crowd, body: Body, model: VesselModel, b: int) -
 def quay_gap(chart: Chart, model: VesselModel, own: Array, b: int, far_m: float) -> float:
     """Gap in m between the own hull and the nearest quay; exact up to far_m, a lower bound beyond."""
     half_length, half_beam = 0.5 * model.length_m, 0.5 * model.beam_m
-    radius = math.hypot(half_length, half_beam)
-    gap = math.inf
+    reach = math.hypot(half_length, half_beam) + far_m
+    gap, beyond = math.inf, math.inf
     for e in range(chart.wall_count[b]):
         x0, y0, x1, y1 = chart.walls[b, e]
-        centre = math.sqrt(segment_distance_squared(own[X], own[Y], x0, y0, x1, y1))
-        if centre - radius > far_m:
-            gap = min(gap, centre - radius)
-        elif centre - radius < gap:
-            ax, ay = to_body(own[X], own[Y], own[YAW], x0, y0)
-            zx, zy = to_body(own[X], own[Y], own[YAW], x1, y1)
-            gap = min(gap, edge_gap(half_length, half_beam, ax, ay, zx, zy))
-    return gap
+        squared = segment_distance_squared(own[X], own[Y], x0, y0, x1, y1)
+        if squared > reach * reach:
+            beyond = min(beyond, squared)
+            continue
+        ax, ay = to_body(own[X], own[Y], own[YAW], x0, y0)
+        zx, zy = to_body(own[X], own[Y], own[YAW], x1, y1)
+        gap = min(gap, edge_gap(half_length, half_beam, ax, ay, zx, zy))
+    return min(gap, math.sqrt(beyond) - reach + far_m)
 
 
 @njit(cache=True, nogil=True)
@@ -190,7 +207,7 @@ def sense(
 ) -> None:
     """Cast environment b's rays; note what is near."""
     own, ranges, seen = body.own[b], body.ranges[b], body.seen[b]
-    place_vessels(crowd, b)
+    place_vessels(crowd, b, (body.ticks[b] % TICKS_PER_CHECK) * TICK_S)
     ranges[:] = sensor.range_max_m
     seen[SEEN_X], seen[SEEN_Y], seen[SEEN_TICK] = own[X], own[Y], body.ticks[b]
     seen[SEEN_QUAY] = _cast_quays(chart, own, rays, ranges, sensor.range_max_m, b)

@@ -86,12 +86,13 @@ def _take_new_track(crowd: Crowd, b: int, m: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def place_vessels(crowd: Crowd, b: int) -> None:
-    """Write the poses of environment b's vessels from their progress."""
+def place_vessels(crowd: Crowd, b: int, lead_s: float) -> None:
+    """Write the poses of environment b's vessels as of `lead_s` after they last moved."""
     for m in range(crowd.count[b]):
         start = crowd.offsets[b, crowd.track[b, m]]
         last = crowd.offsets[b, crowd.track[b, m] + 1] - 1
-        at = crowd.progress[b, m] / TRACK_SPACING_M
+        lead_m = crowd.speed[b, m] * lead_s if crowd.turn[b, m] == 0.0 else 0.0
+        at = (crowd.progress[b, m] + lead_m) / TRACK_SPACING_M
         i = min(start + int(at), last)
         j = min(i + 1, last)
         share = min(at - (i - start), 1.0)

@@ -103,6 +103,16 @@ class World:
         return self._crowd.pose
 
     @property
+    def walls(self) -> Array:
+        """Quay edges [B, E, 4] in m, of which `wall_counts` [B] are in use."""
+        return self._chart.walls
+
+    @property
+    def wall_counts(self) -> IntArray:
+        """Number of quay edges of each environment [B]."""
+        return self._chart.wall_count
+
+    @property
     def hulls(self) -> Array:
         """Length and beam of the other vessels [B, M, 2] in m."""
         return self._crowd.hull
@@ -236,7 +246,7 @@ def _load_crowd(crowd: Crowd, b: int, traffic: Traffic) -> None:
     crowd.count[b] = _fill(crowd.progress[b], traffic.progress)
     crowd.arrival[b], crowd.seed[b] = int(traffic.arrival), traffic.seed
     crowd.leg[b], crowd.turn[b], crowd.pose[b] = 0, 0.0, np.nan
-    place_vessels(crowd, b)
+    place_vessels(crowd, b, 0.0)
 
 
 def _load_body(body: Body, b: int, scenario: Scenario) -> None:
