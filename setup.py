@@ -4,6 +4,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 PACKAGE = 'portnav_ros'
+README = Path(__file__).resolve().with_name('README.md')  # colcon --symlink-install links setup.py alone
 EXECUTABLES = (
     'sim',
     'global_planner',
@@ -62,7 +63,7 @@ setup(
     name=PACKAGE,
     version='0.1.0',
     description='Autonomous port navigation with ranging sensors: world, planners and ROS 2 nodes.',
-    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description=README.read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     author='portnav_ros contributors',
     maintainer='portnav_ros contributors',

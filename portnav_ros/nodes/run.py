@@ -6,20 +6,12 @@ import argparse
 import importlib
 import sys
 
-EXECUTABLES = (
-    'sim',
-    'global_planner',
-    'muzero_planner',
-    'dwa_planner',
-    'line_of_sight_planner',
-    'pid_controller',
-    'bag_recorder',
-)
+from portnav_ros.nodes.table import NAMES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the node's name; the rest of the line is the node's own."""
-    parser.add_argument('node', choices=EXECUTABLES, metavar='NODE', help=', '.join(EXECUTABLES))
+    parser.add_argument('node', choices=NAMES, metavar='NODE', help=', '.join(NAMES))
     parser.add_argument(
         'arguments',
         nargs=argparse.REMAINDER,

@@ -1,0 +1,102 @@
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from portnav_ros.params import ParamError, check_range, override, read_yaml
+
+
+@dataclass(frozen=True)
+class Inner:
+    gain: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_range(self, gain=(0.0, 10.0))
+
+
+@dataclass(frozen=True)
+class Outer:
+    speed_mps: float = 5.0
+    rays: int = 180
+    layout: Literal['sections', 'basins'] = 'sections'
+    mount_m: tuple[float, float] = (0.0, 0.0)
+    weights: tuple[float, ...] = ()
+    chart: Path | None = None
+    reactive: bool = False
+    inner: Inner = field(default_factory=Inner)
+
+
+def test_nothing_given_changes_nothing():
+    assert override(Outer(), {}, 'file') == Outer()
+
+
+def test_values_are_converted_to_the_declared_types():
+    values = {
+        'speed_mps': 3,
+        'mount_m': [1, 2.5],
+        'weights': [1, 2, 3],
+        'chart': 'a.geojson',
+        'inner': {'gain': 2},
+    }
+    changed = override(Outer(), values, 'file')
+    assert changed == Outer(
+        speed_mps=3.0, mount_m=(1.0, 2.5), weights=(1.0, 2.0, 3.0), chart=Path('a.geojson'), inner=Inner(2.0)
+    )
+    assert isinstance(changed.speed_mps, float)
+    assert isinstance(changed.mount_m[0], float)
+
+
+def test_null_is_none_where_allowed():
+    assert override(Outer(chart=Path('x')), {'chart': None}, 'file').chart is None
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        ({'sped_mps': 1.0}, r"port\.yaml: unknown key 'sped_mps'; did you mean 'speed_mps'\?"),
+        ({'zzz': 1.0}, r"unknown key 'zzz'; known keys: speed_mps, rays"),
+        ({'speed_mps': 'fast'}, r"port\.yaml: speed_mps: expected float, got 'fast'"),
+        ({'speed_mps': True}, 'expected float, got True'),
+        ({'speed_mps': None}, 'expected float, got None'),
+        ({'rays': 1.5}, r'rays: expected int, got 1\.5'),
+        ({'rays': True}, 'expected int, got True'),
+        ({'reactive': 1}, 'expected bool, got 1'),
+        ({'layout': 'maze'}, "layout: 'maze' is not one of sections, basins"),
+        ({'mount_m': [1.0]}, 'mount_m: expected 2 values, got 1'),
+        ({'mount_m': 1.0}, r'mount_m: expected a list, got 1\.0'),
+        ({'weights': ['a']}, "weights: expected float, got 'a'"),
+        ({'inner': {'gain': 11.0}}, r'port\.yaml: inner: gain = 11\.0 is outside \[0\.0, 10\.0\]'),
+        ({'inner': {'gian': 1.0}}, r"port\.yaml: inner: unknown key 'gian'; did you mean 'gain'\?"),
+    ],
+)
+def test_mistakes_name_file_key_and_value(values, message):
+    with pytest.raises(ParamError, match=message):
+        override(Outer(), values, 'port.yaml')
+
+
+def test_not_a_number_is_out_of_range():
+    with pytest.raises(ParamError, match='gain = nan'):
+        Inner(float('nan'))
+
+
+def test_read_yaml(tmp_path):
+    file = tmp_path / 'a.yaml'
+    file.write_text('speed_mps: 2.0\ninner: {gain: 3.0}\n', encoding='utf-8')
+    assert override(Outer(), read_yaml(file), str(file)) == Outer(speed_mps=2.0, inner=Inner(3.0))
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [('a: [1', 'not valid YAML'), ('- a\n- b\n', 'expected a mapping'), ('', 'expected a mapping')],
+)
+def test_broken_yaml_names_the_file(tmp_path, text, message):
+    file = tmp_path / 'broken.yaml'
+    file.write_text(text, encoding='utf-8')
+    with pytest.raises(ParamError, match=rf'broken\.yaml: {message}'):
+        read_yaml(file)
+
+
+def test_missing_yaml_names_the_file(tmp_path):
+    with pytest.raises(ParamError, match=r'none\.yaml: cannot be read'):
+        read_yaml(tmp_path / 'none.yaml')
