@@ -37,7 +37,7 @@ DISTRO = 'jazzy'
 MIDDLEWARE = 'rmw_fastrtps_cpp'
 LOOPBACK_TIMEOUT_S = 30.0
 SHARED_MEMORY_LEAST_MB = 32
-DOMAIN_ID_MOST = 101
+DOMAIN_ID_SAFE, DOMAIN_ID_MOST = 101, 232
 DISCOVERY_RANGES = ('LOCALHOST', 'SUBNET', 'OFF', 'SYSTEM_DEFAULT')
 
 
@@ -141,10 +141,13 @@ def check_ros_distro(environment: Mapping[str, str]) -> Finding:
 
 def check_domain(environment: Mapping[str, str]) -> Finding:
     """A domain whose ports do not meet those the system hands out."""
-    text = environment.get('ROS_DOMAIN_ID', '0')
-    if text.isdecimal() and int(text) <= DOMAIN_ID_MOST:
-        return Finding('domain', 'ok', f'ROS_DOMAIN_ID={text}')
-    return Finding('domain', 'fail', f'ROS_DOMAIN_ID={text}', f'set a number from 0 to {DOMAIN_ID_MOST}')
+    text = environment.get('ROS_DOMAIN_ID') or '0'
+    found, mend = f'ROS_DOMAIN_ID={text}', f'set a number from 0 to {DOMAIN_ID_SAFE}'
+    if not text.isdecimal() or int(text) > DOMAIN_ID_MOST:
+        return Finding('domain', 'fail', found, mend)
+    if int(text) > DOMAIN_ID_SAFE:
+        return Finding('domain', 'warn', f'{found}: its ports may be taken by others', mend)
+    return Finding('domain', 'ok', found)
 
 
 def check_discovery(environment: Mapping[str, str]) -> Finding:
