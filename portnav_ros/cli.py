@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import sys
+import warnings
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -42,7 +43,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     names = list(sys.argv[1:] if arguments is None else arguments)
     command = _parser().parse_args(names[:1]).command
     try:
-        return _run(command, names[1:])
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            return _run(command, names[1:])
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except Exception as error:
@@ -75,10 +78,16 @@ def _run(name: str, arguments: Sequence[str]) -> int:
     return int(module.run(parser.parse_args(arguments)))
 
 
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    print(f'portnav: warning: {message}', file=sys.stderr)
+
+
 def _explain(error: Exception) -> str | None:
     """One line for a mistake that the user can mend; None for a defect, which keeps its traceback."""
     if isinstance(error, ImportError):
         return _explain_import(error)
+    if isinstance(error, OSError) and error.filename:
+        return f'{error.filename}: {error.strerror}'
     if isinstance(error, OSError) or type(error).__module__.startswith('portnav_ros.'):
         return str(error)
     return None

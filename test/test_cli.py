@@ -1,6 +1,7 @@
 import subprocess
 import sys
 import types
+import warnings
 
 import pytest
 
@@ -78,7 +79,7 @@ def test_exit_code_and_arguments_pass_through(fake):
     ('error', 'message'),
     [
         (ParamError('a.yaml: unknown key'), 'a.yaml: unknown key'),
-        (FileNotFoundError(2, 'No such file or directory', 'chart.geojson'), 'chart.geojson'),
+        (FileNotFoundError(2, 'No such file or directory', 'chart.geojson'), 'chart.geojson: No such file'),
         (ModuleNotFoundError("No module named 'rclpy'", name='rclpy'), 'portnav_ros[ros]'),
         (ModuleNotFoundError("No module named 'nav_msgs'", name='nav_msgs.msg'), 'portnav_ros[ros]'),
         (ModuleNotFoundError("No module named 'torch'", name='torch'), 'portnav_ros[muzero]'),
@@ -119,3 +120,11 @@ def test_run_refuses_an_unknown_node(capsys):
     with pytest.raises(SystemExit):
         cli.main(['run', 'simulator'])
     assert 'pid_controller' in capsys.readouterr().err
+
+
+def test_a_warning_is_one_line(fake, capsys):
+    fake(lambda arguments: warnings.warn('a buoy lies on land', stacklevel=1) or 0)
+    with warnings.catch_warnings():
+        warnings.simplefilter('always')
+        assert cli.main(['demo']) == 0
+    assert capsys.readouterr().err == 'portnav: warning: a buoy lies on land\n'
