@@ -114,7 +114,7 @@ def _yaw(properties: Mapping[str, Any], where: str) -> float:
 
 def _number(properties: Mapping[str, Any], key: str, where: str, default: float | None = None) -> float:
     value = properties.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < math.inf:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e12:
         raise ChartError(f'{where}: {key} = {value!r} must be a finite number')
     return float(value)
 

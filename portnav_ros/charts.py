@@ -199,7 +199,7 @@ def _assemble(
     for feature in buoys + berths:
         if not shapely.covers(harbour.water, feature.geometry):
             raise ChartError(
-                f'{feature.where}: this {feature.kind} lies on land or outside the water; move it or leave it out'
+                f'{feature.where}: this {feature.kind} lies on land or off the chart; move it or leave it out'
             )
     return harbour
 
@@ -217,7 +217,9 @@ def _water(
         area = shapely.difference(area, ground, grid_size=GRID_M)
     if simplify_m > 0.0:
         area = area.simplify(simplify_m, preserve_topology=True)
-    parts = [part for part in shapely.get_parts(area) if isinstance(part, Polygon)]
+    parts = [
+        part for part in shapely.get_parts(area.normalize()) if isinstance(part, Polygon) and part.area > 0.0
+    ]
     if not parts:
         raise ChartError(f'{path}: no water is left once the land is cut out; check which feature is which')
     if len(parts) > 1:

@@ -23,7 +23,8 @@ from portnav_ros.params import ParamError, check_range, override, read_yaml
 from portnav_ros.types import Array, BoolArray, IntArray
 
 POOL_CELLS_MIN = 9
-STAIR_CELLS = 1.0
+STEP_CELLS = 2.0
+STRAIGHTEN_CELLS = 1.1
 FREE, OCCUPIED = 254, 0
 PGM_HEADER = re.compile(rb'(P[25])' + 3 * rb'(?:\s|#[^\n]*\n)+(\d+)' + rb'\s')
 
@@ -66,8 +67,8 @@ class Nav2MapParams:
 def read_nav2_map(path: str | Path) -> Harbour:
     """Read a nav2 map; the free cells become water, occupied and unknown ones land.
 
-    Quays are traced through the middles of the sides between free and other cells, so they lie within a
-    cell of where they were drawn.
+    Quays follow the sides between free and other cells; stairs are made straight, which moves a quay by
+    about a cell at most.
 
     Raises:
         ChartError: the YAML file or its image cannot be used.
@@ -156,30 +157,35 @@ def _binary(body: bytes, top: int) -> IntArray:
 def _read_params(path: Path) -> Nav2MapParams:
     try:
         values = read_yaml(path)
-        missing = [key for key in ('image', 'resolution', 'origin') if not values.get(key)]
+        missing = [key for key in ('image', 'resolution', 'origin') if values.get(key) is None]
         if missing:
             raise ParamError(f'{path}: a nav2 map needs the key {missing[0]}')
-        values['negate'] = int(values.get('negate', 0))
+        if isinstance(values.get('negate'), bool):
+            values['negate'] = int(values['negate'])
         return override(Nav2MapParams(), values, str(path))
-    except (ParamError, TypeError, ValueError) as error:
+    except ParamError as error:
         raise ChartError(str(error)) from None
 
 
 def _trace(free: BoolArray) -> BaseGeometry:
-    """The free cells [H, W] as an area in cells, its steps cut to the middles of the cells' sides."""
+    """The free cells [H, W] as an area in cells, with the stairs of oblique quays made straight."""
     boxes = [shapely.box(first, row, last, row + 1) for row, first, last in _runs(free)]
-    stairs = shapely.segmentize(shapely.union_all(boxes), 1.0)
+    stairs = shapely.union_all(boxes).simplify(0.0)
     parts = [
-        Polygon(_middles(part.exterior), [_middles(ring) for ring in part.interiors])
+        Polygon(_cut_stairs(part.exterior), [_cut_stairs(ring) for ring in part.interiors])
         for part in shapely.get_parts(stairs)
     ]
-    return shapely.union_all(parts).simplify(STAIR_CELLS, preserve_topology=True)
+    return shapely.union_all(parts).simplify(STRAIGHTEN_CELLS, preserve_topology=True)
 
 
-def _middles(ring: BaseGeometry) -> Array:
+def _cut_stairs(ring: BaseGeometry) -> Array:
+    """Replace each side of at most STEP_CELLS by its middle; longer ones keep their ends."""
     corners = shapely.get_coordinates(ring)
-    middles: Array = 0.5 * (corners[:-1] + corners[1:])
-    return middles
+    first, last = corners[:-1], corners[1:]
+    step = (np.abs(last - first).sum(axis=1) <= STEP_CELLS)[:, None]
+    middle = 0.5 * (first + last)
+    points: Array = np.stack([np.where(step, middle, first), np.where(step, middle, last)], axis=1)
+    return points.reshape(-1, 2)
 
 
 def _runs(free: BoolArray) -> IntArray:
