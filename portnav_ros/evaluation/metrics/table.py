@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
 
 from portnav_ros.evaluation.episode_log import EpisodeLog
+from portnav_ros.evaluation.hull_clearance import with_clearance
 from portnav_ros.evaluation.metrics.control_effort import control_effort
 from portnav_ros.evaluation.metrics.decision_latency import latency_p50_s, latency_p99_s
 from portnav_ros.evaluation.metrics.detour import path_over_plan
@@ -19,32 +22,46 @@ from portnav_ros.sim.world import DECISION_S
 
 
 class Metric(NamedTuple):
-    """A figure of one episode. key: in files; label, unit and digits: where people read it."""
+    """A figure of one episode. key: in files; label and unit: where people read it.
+
+    average: how episodes combine. A median keeps the first call's compilation out of timings.
+    """
 
     key: str
     label: str
     unit: str
-    digits: int
     measure: Callable[[EpisodeLog], float]
+    average: Literal['mean', 'median'] = 'mean'
 
 
 METRICS = (
-    Metric('length_s', 'duration', 's', 1, length_s),
-    Metric('return', 'return', '', 1, episode_return),
-    Metric('abs_e_x_m', 'mean |e_x|', 'm', 2, mean_abs_e_x_m),
-    Metric('abs_e_y_m', 'mean |e_y|', 'm', 2, mean_abs_e_y_m),
-    Metric('abs_e_psi_rad', 'mean |e_psi|', 'rad', 3, mean_abs_e_psi_rad),
-    Metric('least_clearance_m', 'least clearance', 'm', 1, least_clearance_m),
-    Metric('path_over_plan', 'track over plan', '', 3, path_over_plan),
-    Metric('control_effort', 'control effort', '', 3, control_effort),
-    Metric('rudder_reversals_per_min', 'rudder reversals', '1/min', 2, rudder_reversals_per_min),
-    Metric('latency_p50_s', 'decision time, median', 's', 5, latency_p50_s),
-    Metric('latency_p99_s', 'decision time, 99 %', 's', 5, latency_p99_s),
-    Metric('real_time_factor', 'real-time factor', '', 1, real_time_factor),
+    Metric('length_s', 'duration', 's', length_s),
+    Metric('return', 'return', '', episode_return),
+    Metric('abs_e_x_m', 'mean |e_x|', 'm', mean_abs_e_x_m),
+    Metric('abs_e_y_m', 'mean |e_y|', 'm', mean_abs_e_y_m),
+    Metric('abs_e_psi_rad', 'mean |e_psi|', 'rad', mean_abs_e_psi_rad),
+    Metric('least_clearance_m', 'least clearance', 'm', least_clearance_m),
+    Metric('path_over_plan', 'track over plan', '', path_over_plan),
+    Metric('control_effort', 'control effort', '', control_effort),
+    Metric('rudder_reversals_per_min', 'rudder reversals', '1/min', rudder_reversals_per_min),
+    Metric('latency_p50_s', 'decision time, median', 's', latency_p50_s, 'median'),
+    Metric('latency_p99_s', 'decision time, 99 %', 's', latency_p99_s, 'median'),
+    Metric('real_time_factor', 'real-time factor', '', real_time_factor),
 )
+
+
+def averages(values: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Combine the metrics of episodes, leaving out NaN; keys as in ``mean_length_s``."""
+    combined = {}
+    for metric in METRICS:
+        column = np.array([row[metric.key] for row in values])
+        known = column[np.isfinite(column)]
+        combine = np.mean if metric.average == 'mean' else np.median
+        combined[f'{metric.average}_{metric.key}'] = float(combine(known)) if len(known) else float('nan')
+    return combined
 
 
 def measure(log: EpisodeLog) -> dict[str, float]:
     """Every metric of one episode by key, over rows a decision period apart."""
-    thinned = log.thinned(DECISION_S)
+    thinned = with_clearance(log.thinned(DECISION_S))
     return {metric.key: metric.measure(thinned) for metric in METRICS}

@@ -1,0 +1,134 @@
+"""`portnav evaluate`: success rate and other metrics of a planner over many episodes."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from portnav_ros.evaluation.planners import PLANNERS
+from portnav_ros.evaluation.provenance import provenance
+from portnav_ros.evaluation.statistics import paired_difference
+from portnav_ros.evaluation.summary import summarise, table, write_csv, write_json
+from portnav_ros.evaluation.trial import SPLITS, EpisodeResult, Trial, split_seeds
+from portnav_ros.types import Outcome
+
+EXIT_INTERRUPTED = 130
+RUNNERS = {'process': 'evaluation.workers', 'ros': 'nodes.evaluate_ros'}
+Runner = Callable[[Trial, Sequence[int], int, int], Iterator[EpisodeResult]]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of the command."""
+    parser.add_argument('--planner', required=True, choices=PLANNERS, help='who sails')
+    parser.add_argument('--difficulty', default='paper', help='name or file (default: %(default)s)')
+    parser.add_argument('--chart', type=Path, metavar='FILE', help='sail on a chart, not on random ports')
+    parser.add_argument('--scenario', metavar='NAME', help='sail a named scenario, such as head_on')
+    parser.add_argument('--episodes', type=int, default=100, metavar='N', help='default: %(default)s')
+    parser.add_argument('--seed', type=int, default=0, metavar='S', help='first seed within the split')
+    parser.add_argument(
+        '--split', choices=SPLITS, default='test', help='tune on validation, report test (default)'
+    )
+    parser.add_argument('--against', choices=PLANNERS, help='sail the same episodes with a second planner')
+    parser.add_argument('--through', choices=RUNNERS, default='process', help='where (default: %(default)s)')
+    parser.add_argument(
+        '--workers', type=int, default=2, metavar='P', help='processes (default: %(default)s)'
+    )
+    parser.add_argument('--batch', type=int, default=16, metavar='B', help='episodes at once in a process')
+    parser.add_argument('--json', type=Path, metavar='FILE', help='write the figures')
+    parser.add_argument('--episodes-csv', type=Path, metavar='FILE', help='write a row for each episode')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Evaluate; Ctrl-C ends it early with the figures of the episodes that are done."""
+    trial = Trial(arguments.planner, arguments.difficulty, arguments.chart, arguments.scenario)
+    sailed = _sail(trial, arguments)
+    if not sailed.episodes:
+        return EXIT_INTERRUPTED
+    figures = _figures(trial, sailed, arguments)
+    _show(trial, figures)
+    if arguments.against and sailed.complete:
+        figures['against'] = _compare(sailed, replace(trial, planner=arguments.against), arguments)
+    if arguments.json:
+        write_json(arguments.json, figures)
+    if arguments.episodes_csv:
+        write_csv(arguments.episodes_csv, sailed.episodes)
+    return 0 if sailed.complete else EXIT_INTERRUPTED
+
+
+class Sailed(NamedTuple):
+    """Episodes in the order of their seeds. complete: False where Ctrl-C cut the evaluation short."""
+
+    episodes: list[EpisodeResult]
+    wall_s: float
+    complete: bool
+
+
+def _sail(trial: Trial, arguments: argparse.Namespace) -> Sailed:
+    seeds = split_seeds(arguments.split, arguments.seed, arguments.episodes)
+    module = importlib.import_module(f'portnav_ros.{RUNNERS[arguments.through]}')
+    run_trial: Runner = module.run_trial
+    episodes: list[EpisodeResult] = []
+    complete, start = True, time.perf_counter()
+    try:
+        with tqdm(total=len(seeds), desc=trial.planner, unit='episode') as bar:
+            for result in run_trial(trial, seeds, arguments.batch, arguments.workers):
+                episodes.append(result)
+                share = np.mean([done.outcome == Outcome.SUCCESS for done in episodes])
+                bar.set_postfix_str(f'success {share:.1%}', refresh=False)
+                bar.update()
+    except KeyboardInterrupt:
+        complete = False
+        print(f'interrupted after {len(episodes)} of {len(seeds)} episodes', file=sys.stderr)
+    return Sailed(sorted(episodes, key=lambda result: result.seed), time.perf_counter() - start, complete)
+
+
+def _figures(trial: Trial, sailed: Sailed, arguments: argparse.Namespace) -> dict[str, Any]:
+    return {
+        'planner': trial.planner,
+        'difficulty': trial.difficulty,
+        'chart': str(trial.chart) if trial.chart else None,
+        'scenario': trial.scenario,
+        'split': arguments.split,
+        'seed': arguments.seed,
+        'through': arguments.through,
+        **summarise(sailed.episodes, sailed.wall_s),
+        'complete': sailed.complete,
+        'workers': arguments.workers,
+        'batch': arguments.batch,
+        **provenance(),
+    }
+
+
+def _show(trial: Trial, figures: dict[str, Any]) -> None:
+    place = trial.scenario or trial.chart or trial.difficulty
+    speed = f'{figures["simulated_over_wall"]:.0f} times real time'
+    print(f'{trial.planner} on {place}: {figures["episodes"]} episodes in {figures["wall_s"]:.0f} s, {speed}')
+    print(table(figures))
+
+
+def _compare(sailed: Sailed, rival: Trial, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Sail the rival on the same seeds and compare success, episode by episode."""
+    other = _sail(rival, arguments)
+    theirs = {result.seed: result.outcome == Outcome.SUCCESS for result in other.episodes}
+    if not theirs:
+        return {'planner': rival.planner, 'episodes': 0}
+    figures = _figures(rival, other, arguments)
+    _show(rival, figures)
+    ours = [result for result in sailed.episodes if result.seed in theirs]
+    first = np.array([result.outcome == Outcome.SUCCESS for result in ours])
+    result = paired_difference(first, np.array([theirs[result.seed] for result in ours]))
+    print(
+        f'difference on {len(ours)} same episodes: {result.difference:+.1%} '
+        f'(95 % interval {result.low:+.1%} to {result.high:+.1%}, McNemar p = {result.p_value:.2g}; '
+        f'only {arguments.planner} {result.only_first}, only {rival.planner} {result.only_second})'
+    )
+    return {**figures, 'paired': result._asdict()}
