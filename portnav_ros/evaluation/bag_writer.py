@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import copy
-import heapq
-import itertools
 import sqlite3
-import struct
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from rosbags.interfaces import (
     Connection,
@@ -31,8 +28,6 @@ from rosbags.typesys import Stores, get_typestore
 Storage = Literal['sqlite3', 'mcap']
 STORAGES: tuple[Storage, ...] = ('sqlite3', 'mcap')
 COMPLETE = 'complete'  # key of the metadata: 'true' once the bag was closed
-STAMP_KEY = 'stamp'  # ns, in the values of a DiagnosticStatus, which has no header
-STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticStatus'
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 
 _FOREVER = QosTime(0x7FFFFFFF, 0x7FFFFFFF)
@@ -57,6 +52,7 @@ class BagWriter:
     def __init__(self, path: Path, storage: Storage, metadata: Mapping[str, str]) -> None:
         self._path = path
         self._last_ns = 0
+        self._described = False
         self._connections: list[Connection] = []
         with self._disk():
             self._writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
@@ -96,7 +92,10 @@ class BagWriter:
             self._writer.write(self._connections[topic], self._last_ns, data)
 
     def checkpoint(self) -> None:
-        """Make everything written so far readable, even if this process dies now."""
+        """Make everything written so far readable, even if this process dies now.
+
+        The first one describes the bag in metadata.yaml, so it comes after the last add_topic().
+        """
         storage = self._writer.storage
         with self._disk():
             if isinstance(storage, Sqlite3Writer):
@@ -105,7 +104,8 @@ class BagWriter:
                 if storage.chunk.bio.tell():
                     storage.close_chunk()
                 storage.bio.flush()
-            self._write_metadata()
+            if not self._described:
+                self._write_metadata()
 
     def close(self) -> None:
         """Complete the bag."""
@@ -123,6 +123,7 @@ class BagWriter:
         snapshot = copy.copy(self._writer)
         snapshot.storage = _NoStorage(self._writer.storage.path)
         snapshot.close()
+        self._described = True
 
     @contextlib.contextmanager
     def _disk(self) -> Iterator[None]:
@@ -152,44 +153,3 @@ class _NoStorage:
 
     def abort(self) -> None:
         """Do nothing."""
-
-
-class Filed(NamedTuple):
-    """A message with its place in the bag: by stamp, then by topic, then as it arrived."""
-
-    stamp_ns: int
-    topic: int
-    arrival: int
-    data: bytes
-
-
-class StampOrder:
-    """Holds messages back until nothing older is to be expected, so that equal runs give equal bags."""
-
-    def __init__(self) -> None:
-        self._heap: list[Filed] = []
-        self._arrivals = itertools.count()
-        self.newest_ns = 0
-
-    def push(self, stamp_ns: int, topic: int, data: bytes) -> None:
-        """Take a message in."""
-        self.newest_ns = max(self.newest_ns, stamp_ns)
-        heapq.heappush(self._heap, Filed(stamp_ns, topic, next(self._arrivals), data))
-
-    def release(self, before_ns: int) -> Iterator[Filed]:
-        """Give out, in order, what is older than a time."""
-        while self._heap and self._heap[0].stamp_ns < before_ns:
-            yield heapq.heappop(self._heap)
-
-
-def stamp_ns(message_type: str, data: bytes) -> int:
-    """Stamp of a serialised message in ns.
-
-    A type that starts with a header has it there; a DiagnosticStatus says it in its values, or is filed
-    under 0, the start of the run.
-    """
-    if message_type == STATUS_TYPE:
-        status = TYPES.deserialize_cdr(data, message_type)
-        return next((int(pair.value) for pair in status.values if pair.key == STAMP_KEY), 0)  # type: ignore[attr-defined]
-    seconds, nanoseconds = struct.unpack_from('<iI' if data[1] else '>iI', data, 4)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)

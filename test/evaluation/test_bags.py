@@ -10,17 +10,10 @@ import textwrap
 import numpy as np
 import pytest
 
-from portnav_ros.evaluation.bag_writer import (
-    STORAGES,
-    TYPES,
-    BagError,
-    BagWriter,
-    StampOrder,
-    stamp_ns,
-)
+from portnav_ros.evaluation.bag_writer import STORAGES, TYPES, BagError, BagWriter
 from portnav_ros.evaluation.bags import read_bag
 
-ODOMETRY, STATUS = 'nav_msgs/msg/Odometry', 'diagnostic_msgs/msg/DiagnosticStatus'
+ODOMETRY = 'nav_msgs/msg/Odometry'
 
 
 def odometry(time_ns: int, x_m: float = 0.0) -> bytes:
@@ -43,12 +36,6 @@ def odometry(time_ns: int, x_m: float = 0.0) -> bytes:
         ),
     )
     return bytes(TYPES.serialize_cdr(message, ODOMETRY))
-
-
-def status(**values: object) -> bytes:
-    pair = TYPES.types['diagnostic_msgs/msg/KeyValue']
-    pairs = [pair(key, str(value)) for key, value in values.items()]
-    return bytes(TYPES.serialize_cdr(TYPES.types[STATUS](0, 'episode', '', '', pairs), STATUS))
 
 
 def write(path, storage, count: int, close: bool = True) -> BagWriter:
@@ -156,18 +143,3 @@ def test_a_full_disk_is_an_error_and_the_beginning_stays(tmp_path, storage):
     read = positions(read_bag(tmp_path))
     assert read == list(range(len(read)))
     assert len(read) >= 100
-
-
-def test_messages_are_filed_by_stamp_topic_and_arrival():
-    order = StampOrder()
-    for number, (stamp, topic) in enumerate([(2, 1), (1, 1), (2, 0), (1, 0), (1, 0)]):
-        order.push(stamp, topic, bytes([number]))
-    assert [item.data[0] for item in order.release(2)] == [3, 4, 1]
-    assert [item.data[0] for item in order.release(3)] == [2, 0]
-    assert order.newest_ns == 2
-
-
-def test_stamps_are_found():
-    assert stamp_ns(ODOMETRY, odometry(12_345_678_901)) == 12_345_678_901
-    assert stamp_ns(STATUS, status(outcome='SUCCESS', stamp=12_345_678_901)) == 12_345_678_901
-    assert stamp_ns(STATUS, status(outcome='SUCCESS')) == 0

@@ -1,0 +1,147 @@
+"""A bag being recorded: messages in as they arrive, filed in an order that equal runs share."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from portnav_ros.evaluation.bag_writer import TYPES, BagError, BagWriter, Storage
+
+STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticStatus'
+STAMP_KEY = 'stamp'  # ns, in the values of a DiagnosticStatus, which has no header
+CHECKPOINT_NS = 5_000_000_000  # of the messages' own time
+AHEAD_NS = 10_000_000_000
+END_NS = 1 << 62
+
+
+class RecordedTopic(NamedTuple):
+    """A topic of the bag: resolved name, type and what its publisher offers."""
+
+    name: str
+    message_type: str
+    depth: int
+    latched: bool
+
+
+class Filed(NamedTuple):
+    """A message with its place in the bag: by stamp, then by topic, then as it arrived."""
+
+    stamp_ns: int
+    topic: int
+    arrival: int
+    data: bytes
+
+
+class StampOrder:
+    """Holds messages back until nothing older is to be expected."""
+
+    def __init__(self) -> None:
+        self._heap: list[Filed] = []
+        self._arrivals = itertools.count()
+
+    def push(self, stamp_ns: int, topic: int, data: bytes) -> None:
+        """Take a message in."""
+        heapq.heappush(self._heap, Filed(stamp_ns, topic, next(self._arrivals), data))
+
+    def release(self, before_ns: int) -> Iterator[Filed]:
+        """Give out, in order, what is older than a time."""
+        while self._heap and self._heap[0].stamp_ns < before_ns:
+            yield heapq.heappop(self._heap)
+
+
+class Recording:
+    """Files messages by (stamp, topic, arrival) into a bag.
+
+    The first topic keeps the time. A message that is stamped more than AHEAD_NS later than its newest
+    is filed under that newest, so that one message from another clock cannot spoil the order. A disk
+    that refuses ends the recording, not the caller: see ``failure``.
+
+    Args:
+        path: folder of the bag, which must not exist yet.
+        storage: file format.
+        topics: what will come, by number.
+        metadata: custom data.
+        margin_ns: how long a message may be on its way, in the messages' own time.
+
+    Raises:
+        BagError: the bag cannot be made.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        storage: Storage,
+        topics: Sequence[RecordedTopic],
+        metadata: Mapping[str, str],
+        margin_ns: int,
+    ) -> None:
+        self.failure = ''  # why the recording has ended early; what was filed before stays readable
+        self.written = 0
+        self._types = [topic.message_type for topic in topics]
+        self._order = StampOrder()
+        self._margin_ns = margin_ns
+        self._newest_ns = 0
+        self._checkpoint_ns = CHECKPOINT_NS
+        self._bag = BagWriter(path, storage, metadata)
+        for topic in topics:
+            self._bag.add_topic(*topic)
+        self._bag.checkpoint()
+
+    def push(self, topic: int, data: bytes) -> None:
+        """Take in a serialised message."""
+        stamp = stamp_ns(self._types[topic], data)
+        if topic == 0:
+            self._newest_ns = max(self._newest_ns, stamp)
+        elif stamp > self._newest_ns + AHEAD_NS:
+            stamp = self._newest_ns
+        self._order.push(stamp, topic, data)
+
+    def file(self) -> None:
+        """Write what is older than the margin; to be called when every queue has been emptied."""
+        self._file(self._newest_ns - self._margin_ns)
+
+    def close(self) -> None:
+        """Write the rest and complete the bag."""
+        self._file(END_NS)
+        if not self.failure:
+            try:
+                self._bag.close()
+            except BagError as error:
+                self._fail(error)
+
+    def _file(self, before_ns: int) -> None:
+        for item in self._order.release(before_ns):
+            if self.failure:
+                continue
+            try:
+                self._write(item)
+            except BagError as error:
+                self._fail(error)
+
+    def _write(self, item: Filed) -> None:
+        if item.stamp_ns >= self._checkpoint_ns:
+            self._bag.checkpoint()
+            self._checkpoint_ns = (item.stamp_ns // CHECKPOINT_NS + 1) * CHECKPOINT_NS
+        self._bag.write(item.topic, item.stamp_ns, item.data)
+        self.written += 1
+
+    def _fail(self, error: BagError) -> None:
+        self.failure = str(error)
+        self._bag.abort()
+
+
+def stamp_ns(message_type: str, data: bytes) -> int:
+    """Stamp of a serialised message in ns.
+
+    A type that starts with a header has it there; a DiagnosticStatus says it in its values, or is filed
+    under 0, the start of the run.
+    """
+    if message_type == STATUS_TYPE:
+        status: Any = TYPES.deserialize_cdr(data, message_type)
+        return next((int(pair.value) for pair in status.values if pair.key == STAMP_KEY), 0)
+    seconds, nanoseconds = struct.unpack_from('<iI' if data[1] else '>iI', data, 4)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
