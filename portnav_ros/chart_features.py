@@ -69,6 +69,7 @@ def read_feature(member: Any, where: str) -> Feature:
     properties = member.get('properties') or {}
     if not isinstance(properties, Mapping):
         raise ChartError(f'{where}: "properties" must be an object')
+    properties = {key: value for key, value in properties.items() if value is not None}
     label = member.get('id', properties.get('name'))
     where = where if label is None else f'{where} ({label!r})'
     kind = _kind(properties, where)

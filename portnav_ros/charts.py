@@ -188,14 +188,18 @@ def _assemble(
         )
     kinds = {kind: [f for f in features if f.kind == kind] for kind in ('water', 'land', 'buoy', 'berth')}
     buoys, berths = kinds['buoy'], kinds['berth']
-    harbour = Harbour(
-        name=name,
-        water=_water(kinds['water'], kinds['land'], options.simplify_m, path),
-        buoys=np.array([[f.geometry.x, f.geometry.y, f.radius_m] for f in buoys]).reshape(-1, 3),
-        berths=np.array([[f.geometry.x, f.geometry.y, f.yaw_rad] for f in berths]).reshape(-1, 3),
-        charted=np.array([f.charted for f in buoys], dtype=bool),
-        origin=origin,
-    )
+    water = _water(kinds['water'], kinds['land'], options.simplify_m, path)
+    try:
+        harbour = Harbour(
+            name=name,
+            water=water,
+            buoys=np.array([[f.geometry.x, f.geometry.y, f.radius_m] for f in buoys]).reshape(-1, 3),
+            berths=np.array([[f.geometry.x, f.geometry.y, f.yaw_rad] for f in berths]).reshape(-1, 3),
+            charted=np.array([f.charted for f in buoys], dtype=bool),
+            origin=origin,
+        )
+    except ChartError as error:
+        raise ChartError(f'{path}: {error}') from None
     for feature in buoys + berths:
         if not shapely.covers(harbour.water, feature.geometry):
             raise ChartError(

@@ -84,7 +84,11 @@ def read_nav2_map(path: str | Path) -> Harbour:
     x0, y0, _ = params.origin
     water = _drop_pools(_trace(free), path)
     size = params.resolution
-    return Harbour(path.stem, shapely.transform(water, lambda cells: cells * size + np.array([x0, y0])))
+    water = shapely.transform(water, lambda cells: cells * size + np.array([x0, y0]))
+    try:
+        return Harbour(path.stem, water)
+    except ChartError as error:
+        raise ChartError(f'{path}: {error}') from None
 
 
 def write_nav2_map(harbour: Harbour, path: str | Path, resolution_m: float) -> None:

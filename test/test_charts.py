@@ -80,6 +80,15 @@ def test_buoys_and_berths_take_their_properties(tmp_path):
     assert harbour.name == 'Named'
 
 
+def test_an_empty_cell_of_an_attribute_table_is_no_property(tmp_path):
+    empty = {'radius_m': None, 'charted': None, 'yaw_rad': None}
+    harbour = read(
+        tmp_path, WATER, point('buoy', 5, 6, **empty), point('berth', 7, 8, **empty, heading_deg=0)
+    )
+    np.testing.assert_array_equal(harbour.buoys, [[5, 6, 1]])
+    assert harbour.berths[0, 2] == pytest.approx(math.pi / 2.0)
+
+
 def test_degrees_become_local_metres_east_and_north(tmp_path):
     ring = [[4.0, 51.0], [4.02, 51.0], [4.02, 51.01], [4.0, 51.01], [4.0, 51.0]]
     harbour = read(tmp_path, feature('water', [ring]), point('buoy', 4.01, 51.005), units='deg')
@@ -288,7 +297,9 @@ def coastline(vertices):
 
 def test_a_port_of_100000_vertices_is_refused_or_simplified_as_told(tmp_path):
     member = feature('water', [coastline(100_000)])
-    with pytest.raises(ChartError, match=r'quay edges, at most 20000 can be sensed.*simplify_m'):
+    with pytest.raises(
+        ChartError, match=r'port\.geojson: port: 100000 quay edges, at most 20000 can be sensed.*simplify_m'
+    ):
         read(tmp_path, member)
     harbour = read(tmp_path, member, portnav={'simplify_m': 0.5})
     assert 50 < len(harbour.walls) < 1000
@@ -318,3 +329,12 @@ def test_the_river_docks_have_a_port_s_proportions():
     assert 2000.0 < y_max - y_min < 3500.0
     assert 100 <= len(harbour.walls) <= 250
     assert harbour.charted.sum() == 7
+
+
+def test_the_example_of_the_documentation_is_a_chart(tmp_path):
+    text = (CHARTS.parents[1] / 'docs' / 'charts.md').read_text(encoding='utf-8')
+    path = tmp_path / 'example.geojson'
+    path.write_text(text.split('```json\n')[1].split('```')[0])
+    harbour = read_chart(path)
+    assert (harbour.name, len(harbour.buoys), len(harbour.berths)) == ('My port', 1, 1)
+    assert harbour.water.area == 900.0 * 200.0 - 20.0 * 50.0
