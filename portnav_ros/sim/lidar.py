@@ -7,12 +7,22 @@ hit something, not rays times edges.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from portnav_ros.geometry import TWO_PI
 from portnav_ros.types import Array, Array32
+
+
+class Sensor(NamedTuple):
+    """LidarParams as scalars for compiled code."""
+
+    range_min_m: float
+    range_max_m: float
+    noise_m: float
+    drop_out: float
 
 
 def ray_directions(rays: int) -> Array:
@@ -81,15 +91,14 @@ def hash_uniform(seed: int, first: int, second: int, third: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def disturb(
-    ranges: Array32, minimum: float, maximum: float, noise: float, drop_out: float, seed: int, tick: int
-) -> None:
+def disturb(ranges: Array32, sensor: Sensor, seed: int, tick: int) -> None:
     """Turn true distances [R] into readings: noise, drop-outs and REP-117 limits."""
     for i in range(len(ranges)):
-        if noise > 0.0 and ranges[i] < maximum:
+        if sensor.noise_m > 0.0 and ranges[i] < sensor.range_max_m:
             radius = math.sqrt(-2.0 * math.log(1.0 - hash_uniform(seed, tick, i, 1)))
-            ranges[i] += noise * radius * math.cos(TWO_PI * hash_uniform(seed, tick, i, 2))
-        if ranges[i] >= maximum or (drop_out > 0.0 and hash_uniform(seed, tick, i, 3) < drop_out):
+            ranges[i] += sensor.noise_m * radius * math.cos(TWO_PI * hash_uniform(seed, tick, i, 2))
+        lost = sensor.drop_out > 0.0 and hash_uniform(seed, tick, i, 3) < sensor.drop_out
+        if lost or ranges[i] >= sensor.range_max_m:
             ranges[i] = np.inf
-        elif ranges[i] < minimum:
+        elif ranges[i] < sensor.range_min_m:
             ranges[i] = -np.inf

@@ -11,7 +11,7 @@ from numba import njit
 from portnav_ros.geometry import wrap_angle
 from portnav_ros.sim.lidar import hash_uniform
 from portnav_ros.sim.scenario import TRACK_SPACING_M, Arrival
-from portnav_ros.types import Array, Array32, IntArray
+from portnav_ros.types import Array, Array32, BoolArray, IntArray
 
 TURN_RATE_RADPS = 0.05  # a vessel that turns at its berth
 RESPAWN = int(Arrival.RESPAWN)
@@ -45,22 +45,26 @@ class Crowd(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def move_vessels(crowd: Crowd, b: int, dt_s: float) -> None:
-    """Advance the vessels of environment b along their tracks."""
-    for m in range(crowd.count[b]):
-        turn = crowd.turn[b, m]
-        if turn != 0.0:
-            step = TURN_RATE_RADPS * dt_s
-            crowd.turn[b, m] = 0.0 if abs(turn) <= step else turn - math.copysign(step, turn)
+def move_vessels(crowd: Crowd, moving: BoolArray, dt_s: float) -> None:
+    """Advance the vessels of the environments that are moving [B] along their tracks."""
+    turn_step = TURN_RATE_RADPS * dt_s
+    for b in range(len(moving)):
+        if not moving[b]:
             continue
-        crowd.progress[b, m] += crowd.speed[b, m] * dt_s
-        track = crowd.track[b, m]
-        points = crowd.offsets[b, track + 1] - crowd.offsets[b, track]
-        length = (points - 1) * TRACK_SPACING_M
-        if crowd.progress[b, m] >= length:
-            crowd.progress[b, m] = length
-            if crowd.arrival[b] == RESPAWN:
-                _take_new_track(crowd, b, m)
+        for m in range(crowd.count[b]):
+            turn = crowd.turn[b, m]
+            if turn != 0.0:
+                done = abs(turn) <= turn_step
+                crowd.turn[b, m] = 0.0 if done else turn - math.copysign(turn_step, turn)
+                continue
+            crowd.progress[b, m] += crowd.speed[b, m] * dt_s
+            track = crowd.track[b, m]
+            points = crowd.offsets[b, track + 1] - crowd.offsets[b, track]
+            length = (points - 1) * TRACK_SPACING_M
+            if crowd.progress[b, m] >= length:
+                crowd.progress[b, m] = length
+                if crowd.arrival[b] == RESPAWN:
+                    _take_new_track(crowd, b, m)
 
 
 @njit(cache=True, nogil=True)
@@ -86,21 +90,23 @@ def _take_new_track(crowd: Crowd, b: int, m: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def place_vessels(crowd: Crowd, b: int, lead_s: float) -> None:
-    """Write the poses of environment b's vessels as of `lead_s` after they last moved."""
-    for m in range(crowd.count[b]):
-        start = crowd.offsets[b, crowd.track[b, m]]
-        last = crowd.offsets[b, crowd.track[b, m] + 1] - 1
-        lead_m = crowd.speed[b, m] * lead_s if crowd.turn[b, m] == 0.0 else 0.0
-        at = (crowd.progress[b, m] + lead_m) / TRACK_SPACING_M
-        i = min(start + int(at), last)
-        j = min(i + 1, last)
-        share = min(at - (i - start), 1.0)
-        for axis in range(3):
-            a, z = crowd.points[b, i, axis], crowd.points[b, j, axis]
-            crowd.pose[b, m, axis] = a + share * (z - a)
-        crowd.pose[b, m, 2] -= crowd.turn[b, m]
-        done = i >= last and crowd.arrival[b] != RESPAWN
-        crowd.pose[b, m, 3] = 0.0 if done or crowd.turn[b, m] != 0.0 else crowd.speed[b, m]
-        if done and crowd.arrival[b] == VANISH:
-            crowd.pose[b, m, :] = np.nan
+def place_vessels(crowd: Crowd, lead_s: Array) -> None:
+    """Write the poses of all vessels as of `lead_s` [B] after they last moved."""
+    for b in range(len(lead_s)):
+        for m in range(crowd.count[b]):
+            start = crowd.offsets[b, crowd.track[b, m]]
+            last = crowd.offsets[b, crowd.track[b, m] + 1] - 1
+            turn = crowd.turn[b, m]
+            lead_m = crowd.speed[b, m] * lead_s[b] if turn == 0.0 else 0.0
+            at = (crowd.progress[b, m] + lead_m) / TRACK_SPACING_M
+            i = min(start + int(at), last)
+            j = min(i + 1, last)
+            share = min(at - (i - start), 1.0)
+            for axis in range(3):
+                a, z = crowd.points[b, i, axis], crowd.points[b, j, axis]
+                crowd.pose[b, m, axis] = a + share * (z - a)
+            crowd.pose[b, m, 2] -= turn
+            done = i >= last and crowd.arrival[b] != RESPAWN
+            crowd.pose[b, m, 3] = 0.0 if done or turn != 0.0 else crowd.speed[b, m]
+            if done and crowd.arrival[b] == VANISH:
+                crowd.pose[b, m, :] = np.nan

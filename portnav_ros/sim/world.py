@@ -13,10 +13,10 @@ import numpy as np
 
 from portnav_ros.control.autopilot import PID_SIZE
 from portnav_ros.sim import kernels
-from portnav_ros.sim.kernels import Body, Chart, Sensor
-from portnav_ros.sim.lidar import ray_directions
+from portnav_ros.sim.kernels import Body, Chart
+from portnav_ros.sim.lidar import Sensor, ray_directions
 from portnav_ros.sim.scenario import Scenario, ScenarioError, Traffic
-from portnav_ros.sim.traffic import Crowd, place_vessels
+from portnav_ros.sim.traffic import Crowd
 from portnav_ros.types import STATE_SIZE, SURGE, YAW, AnyArray, Array, Array32, IntArray, Outcome, X, Y
 
 TICK_S = kernels.TICK_S
@@ -113,6 +113,11 @@ class World:
         return self._chart.wall_count
 
     @property
+    def crowd(self) -> Crowd:
+        """The other vessels, as the kernels read them."""
+        return self._crowd
+
+    @property
     def hulls(self) -> Array:
         """Length and beam of the other vessels [B, M, 2] in m."""
         return self._crowd.hull
@@ -146,7 +151,11 @@ class World:
         _load_chart(self._chart, b, scenario)
         _load_crowd(self._crowd, b, scenario.traffic)
         _load_body(self._body, b, scenario)
-        kernels.sense(self._chart, self._crowd, self._body, self._model, self._rays, self._sensor, b)
+        chart, crowd, body = (
+            type(group)(*(array[b : b + 1] for array in group))
+            for group in (self._chart, self._crowd, self._body)
+        )
+        kernels.sense_all(chart, crowd, body, self._model, self._rays, self._sensor)
 
     def tick(self, rudder_rad: Array, thrust_n: Array) -> None:
         """Advance every environment by TICK_S under actuator commands [B]."""
@@ -186,7 +195,7 @@ def _new_body(batch: int, rays: int) -> Body:
         outcome=np.zeros(batch, np.int64),
         ranges=np.zeros((batch, rays), np.float32),
         clearance=np.zeros((batch, 3)),
-        seen=np.zeros((batch, 6)),
+        seen=np.zeros((batch, kernels.SEEN_SIZE)),
     )
 
 
@@ -246,7 +255,6 @@ def _load_crowd(crowd: Crowd, b: int, traffic: Traffic) -> None:
     crowd.count[b] = _fill(crowd.progress[b], traffic.progress)
     crowd.arrival[b], crowd.seed[b] = int(traffic.arrival), traffic.seed
     crowd.leg[b], crowd.turn[b], crowd.pose[b] = 0, 0.0, np.nan
-    place_vessels(crowd, b, 0.0)
 
 
 def _load_body(body: Body, b: int, scenario: Scenario) -> None:

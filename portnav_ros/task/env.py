@@ -117,7 +117,7 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
         if actions.shape != (self.num_envs,) or (actions < 0).any() or (actions >= len(self._table)).any():
             raise gymnasium.error.InvalidAction(f'{actions!r}: expected {self.num_envs} numbers below 27')
         self._world.step(setpoints_of(actions, self._world.own, self._table))
-        features = self._observe()
+        features = self.observe()
         outcome = self._world.outcome.copy()
         terms = reward_terms(self.task.reward, self._observer.errors, outcome)
         infos = self._info(terms)
@@ -142,9 +142,10 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
             self._world.reset(int(b), scenario)
             paths.append(scenario.path)
         self._observer.reset(which, paths)
-        return self._observe(which)
+        return self.observe(which)
 
-    def _observe(self, which: BoolArray | None = None) -> Array32:
+    def observe(self, which: BoolArray | None = None) -> Array32:
+        """Take in one more frame for the vessels `which` [B] (all by default); return [B, F]."""
         world = self._world
         return self._observer.update(world.own, world.ranges, world.setpoint, which).features
 

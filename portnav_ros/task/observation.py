@@ -176,8 +176,8 @@ def _observe(
         fresh = math.isnan(last_yaw[b])
         progress[b] = advance(path[b], count[b], progress[b], own[b, X], own[b, Y])
         errors[b] = path_errors(own[b], path[b], count[b], progress[b], scales.lookahead_m)
-        for i in range(features.shape[1] - 1, frame - 1, -1):
-            features[b, i] = features[b, i - frame]
+        for f in range(frames - 1, 0, -1):
+            features[b, f * frame : (f + 1) * frame] = features[b, (f - 1) * frame : f * frame]
         row = features[b, :frame]
         _pool(ranges[b], scales.range_m, row[: scales.sectors])
         at = _write_motion(scales, own[b], errors[b], row, scales.sectors)

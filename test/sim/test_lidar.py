@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from portnav_ros.sim.lidar import cast_disc, cast_edge, disturb, hash_uniform, ray_directions
+from portnav_ros.sim.lidar import Sensor, cast_disc, cast_edge, disturb, hash_uniform, ray_directions
 
 REACH = 300.0
 
@@ -76,13 +76,13 @@ def test_disc_ahead():
 
 def test_readings_follow_rep_117():
     ranges = np.array([0.1, 10.0, 300.0], np.float32)
-    disturb(ranges, 0.5, 300.0, 0.0, 0.0, 0, 0)
+    disturb(ranges, Sensor(0.5, 300.0, 0.0, 0.0), 0, 0)
     assert ranges.tolist() == [-math.inf, 10.0, math.inf]
 
 
 def test_noise_has_the_asked_spread_and_drop_out_the_asked_share():
     ranges = np.full(20_000, 100.0, np.float32)
-    disturb(ranges, 0.5, 300.0, 0.5, 0.1, seed=3, tick=7)
+    disturb(ranges, Sensor(0.5, 300.0, 0.5, 0.1), seed=3, tick=7)
     kept = ranges[np.isfinite(ranges)]
     assert np.isinf(ranges).mean() == pytest.approx(0.1, abs=0.01)
     assert kept.std() == pytest.approx(0.5, rel=0.05)
