@@ -1,0 +1,175 @@
+"""`portnav report`: one self-contained page on an episode, its figures as JSON, its picture as PNG."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import shlex
+from html import escape
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from portnav_ros.evaluation import plots
+from portnav_ros.evaluation.bag_episode import read_episode
+from portnav_ros.evaluation.episode_log import EpisodeLog
+from portnav_ros.evaluation.hull_clearance import with_clearance
+from portnav_ros.evaluation.metrics.table import METRICS, Metric, measure
+from portnav_ros.evaluation.plots_port import port_figure
+from portnav_ros.evaluation.plots_series import series_figure
+from portnav_ros.evaluation.replay import replay_data
+from portnav_ros.evaluation.summary import write_json
+from portnav_ros.types import Outcome
+
+PAGE = Path(__file__).resolve().with_name('page')
+PLOT_PERIOD_S = 0.5
+LOST = 'lost'  # metadata of a bag that was cut off
+_NEAREST = ('a quay', 'a buoy', 'another vessel')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of the command."""
+    parser.add_argument('bag', type=Path, help='a bag, or the folder of a run that holds bag/')
+    parser.add_argument('--out', type=Path, metavar='DIR', help='where to write (default: beside the bag)')
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the report of a recorded bag."""
+    bag: Path = arguments.bag
+    beside = bag.parent if bag.is_file() or not (bag / 'bag').is_dir() else bag
+    log = read_episode(bag)
+    page = write_report(log, arguments.out or beside)
+    print(f'{headline(log)}\n{page}')
+    return 0
+
+
+def write_report(source: EpisodeLog | Path, folder: Path) -> Path:
+    """Write report.html, summary.json and port.png; return the page's path.
+
+    Args:
+        source: a log, or a bag that `portnav up` or `portnav demo` has recorded.
+        folder: made where it is missing.
+
+    Raises:
+        BagError: the bag cannot be read.
+        OSError: the folder cannot be written.
+    """
+    log = source if isinstance(source, EpisodeLog) else read_episode(source)
+    folder.mkdir(parents=True, exist_ok=True)
+    values = measure(log)
+    write_json(folder / 'summary.json', summary(log, values))
+    drawn = with_clearance(log.thinned(PLOT_PERIOD_S))
+    port = port_figure(drawn)
+    plots.save_png(port, folder / 'port.png')
+    page = folder / 'report.html'
+    series = plots.inline_svg(series_figure(drawn))
+    page.write_text(_page(log, drawn, values, plots.inline_svg(port), series), encoding='utf-8')
+    return page
+
+
+def headline(log: EpisodeLog) -> str:
+    """Return the outcome in one line."""
+    minutes, seconds = divmod(round(log.length_s), 60)
+    text = f'{log.planner or "the vessel"} {plots.SENTENCES[log.outcome]} after {minutes}:{seconds:02d} min'
+    return f'{text}{_closest(log)}.'
+
+
+def summary(log: EpisodeLog, values: dict[str, float]) -> dict[str, Any]:
+    """Figures of one episode for summary.json."""
+    return {
+        'outcome': log.outcome.name.lower(),
+        'success': log.outcome == Outcome.SUCCESS,
+        'headline': headline(log),
+        'planner': log.planner,
+        'difficulty': log.difficulty,
+        'scenario': log.scenario,
+        'seed': log.seed,
+        **values,
+        'metadata': dict(log.metadata),
+    }
+
+
+def rerun_command(log: EpisodeLog) -> str:
+    """Return the command that repeats the episode."""
+    if 'command' in log.metadata:
+        return log.metadata['command']
+    parts = ['portnav', 'demo', '--seed', str(log.seed)]
+    for option, value in (('--difficulty', log.difficulty), ('--planner', log.planner)):
+        parts += [option, value] if value else []
+    return shlex.join(parts)
+
+
+def _closest(log: EpisodeLog) -> str:
+    if log.outcome.collision:
+        return ''
+    clearance = with_clearance(log.thinned(1.0)).clearance
+    if clearance is None or not np.isfinite(clearance).any():
+        return ''
+    least = np.nanmin(clearance, axis=0)
+    kind = int(np.argmin(least))
+    return f'; it came no closer than {least[kind]:.1f} m to {_NEAREST[kind]}'
+
+
+def _page(log: EpisodeLog, drawn: EpisodeLog, values: dict[str, float], port: str, series: str) -> str:
+    template = Template((PAGE / 'report.html').read_text(encoding='utf-8'))
+    data = json.dumps(replay_data(log), separators=(',', ':')).replace('</', '<\\/')
+    text = headline(log)
+    return template.substitute(
+        title=escape(text),
+        style=(PAGE / 'report.css').read_text(encoding='utf-8'),
+        outcome=escape(log.outcome.name.lower().replace('_', ' ')),
+        outcome_class=_badge(log.outcome),
+        sentence=escape(text[0].upper() + text[1:]),
+        facts=escape(_facts(log)),
+        warning=_warning(log),
+        figures='\n'.join(_figure(metric, values[metric.key]) for metric in METRICS),
+        port=port,
+        series=series,
+        command=escape(rerun_command(log)),
+        metadata='\n'.join(map(_row, sorted(log.metadata.items()))),
+        data=data,
+        script=(PAGE / 'replay.js').read_text(encoding='utf-8'),
+    )
+
+
+def _badge(outcome: Outcome) -> str:
+    if outcome == Outcome.SUCCESS:
+        return 'good'
+    return 'bad' if outcome.collision else 'idle'
+
+
+def _facts(log: EpisodeLog) -> str:
+    vessel = log.vessel
+    return ' · '.join(
+        part
+        for part in (
+            f'{log.harbour.name}',
+            f'difficulty {log.difficulty}' if log.difficulty else '',
+            f'seed {log.seed}',
+            f'vessel {vessel.name} ({vessel.length_m:.0f} m by {vessel.beam_m:.1f} m)',
+            f'{len(log.targets)} other vessels',
+        )
+        if part
+    )
+
+
+def _warning(log: EpisodeLog) -> str:
+    lost = log.metadata.get(LOST)
+    return f'<p class="warning">The recording is damaged: {escape(lost)}.</p>' if lost else ''
+
+
+def _figure(metric: Metric, value: float) -> str:
+    if math.isnan(value):
+        return ''
+    return (
+        f'<div class="figure"><span class="label">{escape(metric.label)}</span>'
+        f'<span class="value">{value:.4g}</span> <span class="unit">{escape(metric.unit)}</span></div>'
+    )
+
+
+def _row(item: tuple[str, str]) -> str:
+    key, value = item
+    return f'<tr><th>{escape(key)}</th><td>{escape(value)}</td></tr>'
