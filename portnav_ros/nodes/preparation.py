@@ -1,0 +1,245 @@
+"""What a run needs before a node starts: scenario, chart, parameters, metadata, commands; in one folder."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+import json
+import os
+import platform
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+
+from portnav_ros import __version__
+from portnav_ros.charts import read_chart, write_geojson
+from portnav_ros.evaluation import bag_episode
+from portnav_ros.evaluation.bag_writer import Storage
+from portnav_ros.evaluation.provenance import git_commit
+from portnav_ros.nodes.process import Command
+from portnav_ros.nodes.table import LOCAL_PLANNERS, NAMES, NodeSpec, OnDeath, graph
+from portnav_ros.params import ParamError, check_range, override, read_yaml
+from portnav_ros.resources import config_path
+from portnav_ros.sim.difficulty import load_difficulty
+from portnav_ros.sim.generator import chart_scenario, make_scenario
+from portnav_ros.sim.scenario import Scenario
+
+BRINGUP = 'bringup'  # key of the configuration; the others are names of nodes
+PARAMETERS, METADATA, BAG, LOG = 'params.yaml', 'run.json', 'bag', 'log'
+LIBRARIES = ('numpy', 'numba', 'ompl', 'rosbags', 'ros-jazzy-rclpy')
+ENVIRONMENT = {
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    'PYTHONUNBUFFERED': '1',
+    **dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS'), '1'),
+}
+Configuration = dict[str, dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class GraphOptions:
+    """What to run: key ``bringup`` of the configuration, and the options of the command line.
+
+    planner: local planner. difficulty, scenario, chart, seed: what to sail; a named scenario or a chart
+    takes the place of the difficulty's random port. mode: lock_step advances when every node has answered,
+    real_time by the clock, ``rate`` times as fast. namespace: of every node. without: nodes to leave out,
+    because something else plays their part. ready_s: patience with a node that starts.
+    """
+
+    planner: str = 'dwa'
+    difficulty: str = 'harbour'
+    scenario: str | None = None
+    chart: Path | None = None
+    seed: int = 0
+    mode: Literal['lock_step', 'real_time'] = 'real_time'
+    rate: float = 1.0
+    record: bool = True
+    storage: Storage = 'sqlite3'
+    namespace: str = ''
+    without: tuple[str, ...] = ()
+    ready_s: float = 120.0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be run."""
+        check_range(self, rate=(0.01, 1000.0), seed=(0, 2**63 - 1), ready_s=(1.0, 3600.0))
+        if self.planner not in LOCAL_PLANNERS:
+            raise ParamError(f'planner {self.planner!r} is not one of {", ".join(LOCAL_PLANNERS)}')
+        if unknown := sorted(set(self.without) - set(NAMES)):
+            raise ParamError(f'without: no node {unknown[0]!r}; there are {", ".join(NAMES)}')
+        if self.scenario is not None and self.chart is not None:
+            raise ParamError('scenario and chart exclude each other: a named scenario has its own chart')
+
+    @property
+    def lock_step(self) -> bool:
+        """Whether time waits for the nodes."""
+        return self.mode == 'lock_step'
+
+    @property
+    def nodes(self) -> tuple[NodeSpec, ...]:
+        """Nodes of this graph."""
+        return graph(self.planner, self.without + (() if self.record else ('bag_recorder',)))
+
+
+def read_configuration(file: Path | None) -> Configuration:
+    """The package's config/portnav.yaml with a file of differences on top.
+
+    Raises:
+        ParamError: a file cannot be read, or a key is neither ``bringup`` nor the name of a node.
+    """
+    merged: Configuration = {}
+    for source in (config_path('portnav.yaml'), *([file] if file else [])):
+        for key, values in read_yaml(source).items():
+            if key not in (BRINGUP, *NAMES):
+                raise ParamError(f'{source}: unknown key {key!r}; known keys: {BRINGUP}, {", ".join(NAMES)}')
+            if not isinstance(values, dict):
+                raise ParamError(f'{source}: {key}: expected a mapping of keys to values')
+            merged[key] = merged.get(key, {}) | values
+    return merged
+
+
+def make_options(
+    configuration: Configuration, source: str, defaults: Mapping[str, Any], given: Mapping[str, Any]
+) -> GraphOptions:
+    """Options of a command, below those of the configuration, below those of the command line.
+
+    Args:
+        configuration: as read_configuration gives it.
+        source: the configuration's name in an error.
+        defaults: of the command.
+        given: on the command line; None for what was not.
+
+    Raises:
+        ParamError: an unknown key, a wrong type or a value out of range.
+    """
+    options = override(GraphOptions(), defaults, 'defaults')
+    options = override(options, configuration.get(BRINGUP, {}), f'{source}: {BRINGUP}')
+    return override(
+        options, {key: value for key, value in given.items() if value is not None}, 'command line'
+    )
+
+
+def load(options: GraphOptions) -> Scenario:
+    """Make the scenario that the options name.
+
+    Raises:
+        ScenarioError, ChartError, ParamError: it cannot be made.
+    """
+    if options.scenario is not None:
+        from portnav_ros.sim.generator import load_scenario
+
+        return load_scenario(options.scenario, options.seed)
+    difficulty = load_difficulty(options.difficulty)
+    if options.chart is not None:
+        return chart_scenario(read_chart(options.chart), difficulty, options.seed)
+    return make_scenario(difficulty, options.seed)
+
+
+def prepare(
+    options: GraphOptions, configuration: Configuration, scenario: Scenario, out: Path
+) -> tuple[Command, ...]:
+    """Fill the folder of a run; returns what to start.
+
+    Args:
+        options: what to run.
+        configuration: parameters of the nodes by name, which go before the run's own.
+        scenario: what is sailed.
+        out: folder, made if it is not there.
+
+    Raises:
+        ParamError: the folder holds a recording already.
+    """
+    if (out / BAG).exists():
+        raise ParamError(f'{out}: holds a recording already; choose another folder with --out')
+    out.mkdir(parents=True, exist_ok=True)
+    write_geojson(scenario.harbour, out / bag_episode.CHART)
+    metadata = _metadata(options, configuration, scenario)
+    (out / METADATA).write_text(json.dumps(metadata, indent=1) + '\n', encoding='utf-8')
+    parameters = _parameters(options, configuration, out)
+    # a wildcard, because nodes may live in a namespace
+    document = {f'/**/{name}': {'ros__parameters': values} for name, values in parameters.items()}
+    (out / PARAMETERS).write_text(yaml.safe_dump(document, sort_keys=False), encoding='utf-8')
+    return tuple(_command(spec, options, out) for spec in options.nodes)
+
+
+def environment() -> dict[str, str]:
+    """Environment of the nodes: what the user has set goes before the defaults."""
+    return ENVIRONMENT | dict(os.environ)
+
+
+def _parameters(options: GraphOptions, configuration: Configuration, out: Path) -> Configuration:
+    world = {
+        'difficulty': _absolute(options.difficulty),
+        'scenario': options.scenario or '',
+        'chart': str(options.chart.resolve()) if options.chart else '',
+        'seed': options.seed,
+    }
+    own: Configuration = {
+        'sim': {**world, 'rate': options.rate},
+        'global_planner': {'chart': str((out / bag_episode.CHART).resolve())},
+        'bag_recorder': {
+            'bag': str((out / BAG).resolve()),
+            'storage': options.storage,
+            'run_file': str((out / METADATA).resolve()),
+            'chart': str((out / bag_episode.CHART).resolve()),
+            'reliable': 'sim' not in options.without,
+        },
+    }
+    return {
+        spec.name: {'lock_step': options.lock_step}
+        | own.get(spec.name, {})
+        | configuration.get(spec.name, {})
+        for spec in options.nodes
+    }
+
+
+def _metadata(options: GraphOptions, configuration: Configuration, scenario: Scenario) -> dict[str, str]:
+    """Custom data of the bag: what repeats the run; nothing that would differ if it were repeated."""
+    return {
+        bag_episode.SEED: str(options.seed),
+        bag_episode.SCENARIO: scenario.name,
+        bag_episode.DIFFICULTY: options.difficulty,
+        bag_episode.PLANNER: options.planner,
+        bag_episode.GOAL: json.dumps(scenario.goal),
+        bag_episode.GOAL_RADIUS: str(scenario.goal_radius_m),
+        bag_episode.VESSEL: json.dumps(dataclasses.asdict(scenario.vessel)),
+        bag_episode.HULLS: json.dumps(scenario.traffic.hull.tolist()),
+        'options': json.dumps(dataclasses.asdict(options), default=str),
+        'configuration': json.dumps(configuration),
+        'version': __version__,
+        'git_commit': git_commit(),
+        'libraries': json.dumps({'python': platform.python_version(), **_versions()}),
+    }
+
+
+def _versions() -> Mapping[str, str]:
+    found = {}
+    for name in LIBRARIES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue  # ROS from apt has no Python metadata
+    return found
+
+
+def _command(spec: NodeSpec, options: GraphOptions, out: Path) -> Command:
+    remaps = [f'{old}:={new}' for old, new in spec.remaps]
+    if options.namespace:
+        remaps.append(f'__ns:=/{options.namespace.strip("/")}')
+    arguments = ['--ros-args', '--params-file', str((out / PARAMETERS).resolve())]
+    arguments += [part for remap in remaps for part in ('-r', remap)]
+    return Command(
+        name=spec.name,
+        argv=(sys.executable, '-m', spec.module, *arguments),
+        log=out / LOG / f'{spec.name}.log',
+        on_death=OnDeath.END if options.lock_step and spec.in_loop else spec.on_death,
+        finishes=spec.finishes,
+        stops_last=spec.stops_last,
+    )
+
+
+def _absolute(name_or_path: str) -> str:
+    path = Path(name_or_path)
+    return str(path.resolve()) if path.suffix else name_or_path

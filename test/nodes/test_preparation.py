@@ -1,0 +1,129 @@
+"""What a run needs before a node starts; what is refused."""
+
+import json
+
+import pytest
+import yaml
+
+from portnav_ros.charts import read_chart
+from portnav_ros.nodes.preparation import (
+    BAG,
+    METADATA,
+    PARAMETERS,
+    GraphOptions,
+    environment,
+    load,
+    make_options,
+    prepare,
+    read_configuration,
+)
+from portnav_ros.nodes.table import LOCAL_PLANNERS, OnDeath, graph
+from portnav_ros.params import ParamError
+
+EASY = GraphOptions(difficulty='easy', seed=3, mode='lock_step')
+
+
+@pytest.fixture(scope='module')
+def scenario():
+    return load(EASY)
+
+
+def write(path, text: str):
+    path.write_text(text)
+    return path
+
+
+def test_a_graph_has_one_local_planner():
+    for planner in LOCAL_PLANNERS:
+        names = [spec.name for spec in graph(planner)]
+        assert [name for name in names if name.removesuffix('_planner') in LOCAL_PLANNERS] == [
+            f'{planner}_planner'
+        ]
+        assert {'sim', 'global_planner', 'pid_controller', 'bag_recorder'} < set(names)
+    assert 'sim' not in [spec.name for spec in graph('dwa', ('sim',))]
+
+
+def test_options_are_layered(tmp_path):
+    file = write(
+        tmp_path / 'mine.yaml', 'bringup: {seed: 5, difficulty: easy}\nsim: {hold_until_plan: false}'
+    )
+    configuration = read_configuration(file)
+    options = make_options(
+        configuration, 'mine.yaml', {'seed': 4, 'rate': 2.0}, {'difficulty': 'paper', 'rate': None}
+    )
+    assert (options.seed, options.rate, options.difficulty) == (5, 2.0, 'paper')
+    assert configuration['sim'] == {'hold_until_plan': False}
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('dwa: {}', r"unknown key 'dwa'; known keys: bringup, sim"),
+        ('sim: 3', 'sim: expected a mapping'),
+        ('- 1', 'expected a mapping'),
+        ('{', 'not valid YAML'),
+    ],
+)
+def test_a_configuration_that_is_wrong_is_refused_by_file_and_key(tmp_path, text, message):
+    with pytest.raises(ParamError, match=rf'mine\.yaml.*{message}'):
+        read_configuration(write(tmp_path / 'mine.yaml', text))
+
+
+@pytest.mark.parametrize(
+    ('values', 'message'),
+    [
+        ({'planer': 'dwa'}, "unknown key 'planer'; did you mean 'planner'"),
+        ({'planner': 'mpc'}, 'not one of muzero, dwa'),
+        ({'rate': 'fast'}, 'expected float'),
+        ({'rate': 0.0}, 'outside'),
+        ({'without': ['radar']}, "no node 'radar'"),
+        ({'scenario': 'head_on', 'chart': 'a.geojson'}, 'exclude each other'),
+    ],
+)
+def test_options_that_are_wrong_are_refused(values, message):
+    with pytest.raises(ParamError, match=f'mine.*{message}'):
+        make_options({'bringup': values}, 'mine', {}, {})
+
+
+def test_the_folder_holds_what_the_nodes_share(tmp_path, scenario):
+    commands = prepare(EASY, {'sim': {'publish_goal': False}}, scenario, tmp_path)
+    assert read_chart(tmp_path / 'chart.geojson').bounds == pytest.approx(scenario.harbour.bounds, abs=0.01)
+    parameters = yaml.safe_load((tmp_path / PARAMETERS).read_text())
+    assert set(parameters) == {f'/**/{command.name}' for command in commands}
+    sim = parameters['/**/sim']['ros__parameters']
+    assert (sim['seed'], sim['lock_step'], sim['publish_goal']) == (3, True, False)
+    metadata = json.loads((tmp_path / METADATA).read_text())
+    assert json.loads(metadata['goal']) == pytest.approx(scenario.goal)
+    assert metadata['planner'] == 'dwa'
+    assert all(isinstance(value, str) for value in metadata.values())
+
+
+def test_a_folder_that_holds_a_recording_is_not_touched(tmp_path, scenario):
+    (tmp_path / BAG).mkdir()
+    with pytest.raises(ParamError, match=r'holds a recording already.*--out'):
+        prepare(EASY, {}, scenario, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == [BAG]
+
+
+def test_in_lock_step_the_loop_cannot_lose_a_node(tmp_path, scenario):
+    policies = {
+        options.mode: {c.name: c.on_death for c in prepare(options, {}, scenario, tmp_path / options.mode)}
+        for options in (EASY, GraphOptions(difficulty='easy', mode='real_time'))
+    }
+    assert policies['lock_step']['dwa_planner'] is OnDeath.END
+    assert policies['real_time']['dwa_planner'] is OnDeath.RESTART
+    assert policies['lock_step']['bag_recorder'] is OnDeath.GO_ON
+
+
+def test_a_namespace_reaches_every_node(tmp_path, scenario):
+    options = GraphOptions(difficulty='easy', namespace='tug/one/', without=('pid_controller',))
+    commands = prepare(options, {}, scenario, tmp_path)
+    assert all('__ns:=/tug/one' in command.argv for command in commands)
+    assert 'pid_controller' not in [command.name for command in commands]
+
+
+def test_nodes_get_one_thread_and_stay_on_this_machine(monkeypatch):
+    monkeypatch.delenv('OMP_NUM_THREADS', raising=False)
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
+    assert environment()['OMP_NUM_THREADS'] == '1'
+    assert environment()['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'SUBNET'
