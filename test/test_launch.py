@@ -1,0 +1,78 @@
+"""The launch file, with stand-ins for launch itself, which has no wheel."""
+
+import runpy
+import sys
+from types import ModuleType, SimpleNamespace
+
+import pytest
+import yaml
+
+from portnav_ros.nodes.table import graph
+from portnav_ros.params import ParamError
+from portnav_ros.resources import share_directory
+
+
+class Action:
+    def __init__(self, *arguments, **keywords):
+        self.arguments = arguments
+        self.keywords = keywords
+
+
+@pytest.fixture
+def launch(monkeypatch, tmp_path):
+    """Call the launch file with some launch arguments; returns the keywords of each Node action."""
+    for name, members in {
+        'launch': ('LaunchContext', 'LaunchDescription'),
+        'launch.actions': ('DeclareLaunchArgument', 'OpaqueFunction', 'Shutdown'),
+        'launch_ros': (),
+        'launch_ros.actions': ('Node',),
+    }.items():
+        module = ModuleType(name)
+        for member in members:
+            setattr(module, member, type(member, (Action,), {}))
+        monkeypatch.setitem(sys.modules, name, module)
+
+    def call(**given):
+        namespace = runpy.run_path(str(share_directory() / 'launch/portnav.launch.py'))
+        (*declared, opaque) = namespace['generate_launch_description']().arguments[0]
+        text = {action.arguments[0]: action.keywords['default_value'] for action in declared}
+        assert set(given) <= set(text)
+        context = SimpleNamespace(launch_configurations=text | {'out': str(tmp_path / 'out')} | given)
+        return [node.keywords for node in opaque.keywords['function'](context)]
+
+    return call
+
+
+def test_launch_starts_the_nodes_of_the_table(launch):
+    nodes = launch(planner='line_of_sight', difficulty='easy', seed='3')
+    table = graph('line_of_sight')
+    assert [node['executable'] for node in nodes] == [spec.name for spec in table]
+    assert [node['name'] for node in nodes] == [spec.name for spec in table]
+    assert [node['remappings'] for node in nodes] == [list(spec.remaps) for spec in table]
+    assert {node['package'] for node in nodes} == {'portnav_ros'}
+
+
+def test_launch_writes_the_parameters_that_its_nodes_read(launch):
+    (file,) = {node['parameters'][0] for node in launch(difficulty='easy', seed='3', mode='lock_step')}
+    with open(file, encoding='utf-8') as stream:
+        parameters = yaml.safe_load(stream)
+    assert parameters['/**/sim']['ros__parameters']['seed'] == 3
+    assert parameters['/**/sim']['ros__parameters']['lock_step'] is True
+
+
+def test_the_death_of_a_node_ends_or_restarts(launch):
+    nodes = {node['name']: node for node in launch(difficulty='easy')}
+    assert nodes['sim']['on_exit'] is not None
+    assert not nodes['sim']['respawn']
+    assert nodes['pid_controller']['respawn']
+    assert nodes['bag_recorder']['on_exit'] is None
+
+
+def test_a_real_vessel_takes_the_place_of_the_sim(launch):
+    nodes = launch(difficulty='easy', without='[sim]', record='false')
+    assert [node['name'] for node in nodes] == ['global_planner', 'dwa_planner', 'pid_controller']
+
+
+def test_a_mistake_is_refused(launch):
+    with pytest.raises(ParamError, match='planner'):
+        launch(planner='captain')
