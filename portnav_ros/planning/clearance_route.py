@@ -248,6 +248,39 @@ def _lowest_neighbour(field: Array32, row: int, column: int) -> tuple[int, int]:
     return best_row, best_column
 
 
+def round_off(grid: ClearanceGrid, points: Array, reach_m: float, least_m: float) -> Array:
+    """Round the corners of a route so that a vessel can follow it.
+
+    Each point becomes the mean of the route over ``reach_m`` to either side, less towards the ends,
+    so that a right angle turns into an arc of radius 1.3 reach_m. The reach is shortened until the
+    route keeps ``least_m`` of clearance or all that it had.
+
+    Args:
+        grid: where the water is.
+        points: [W, 2] m, evenly spaced.
+        reach_m: half the length of the mean.
+        least_m: clearance to keep.
+    """
+    spacing_m = float(np.hypot(*(points[1] - points[0])))
+    allowed_m = min(least_m, least_clearance(grid, points))
+    reach = min(int(reach_m / max(spacing_m, 1e-6)), len(points))
+    while reach > 0:
+        rounded = _running_mean(points, reach)
+        if least_clearance(grid, rounded) >= allowed_m:
+            return rounded
+        reach = reach * 3 // 4
+    return points
+
+
+def _running_mean(points: Array, reach: int) -> Array:
+    """Mean of [W, 2] over at most ``reach`` points to either side, as many on both; ends are kept."""
+    index = np.arange(len(points))
+    half = np.minimum(reach, np.minimum(index, index[::-1]))
+    sums = np.vstack([np.zeros((1, 2)), np.cumsum(points, axis=0)])
+    mean: Array = (sums[index + half + 1] - sums[index - half]) / (2 * half + 1)[:, None]
+    return mean
+
+
 @njit(cache=True)
 def least_clearance(grid: ClearanceGrid, points: Array) -> float:
     """Least clearance in m over the points [W, >= 2] of a route."""

@@ -62,6 +62,7 @@ class Difficulty:
     autopilot: AutopilotParams = field(default_factory=AutopilotParams)
     path: RouteCost = field(default_factory=RouteCost)
     path_length_m: Interval = (1500.0, 3000.0)
+    rounding_m: float = 150.0  # reach of the mean that rounds the corners of a clearance route
     route: Literal['clearance', 'rrt_star'] = 'clearance'
     start_speed_mps: float = 2.0
     goal_radius_m: float = 50.0
@@ -72,6 +73,7 @@ class Difficulty:
         """Refuse values from which no scenario can be drawn."""
         check_range(
             self,
+            rounding_m=(0.0, 5000.0),
             start_speed_mps=(0.0, 50.0),
             goal_radius_m=(1.0, 5000.0),
             time_limit_s=(1.0, 1e6),

@@ -10,7 +10,7 @@ import shapely
 
 from portnav_ros.geometry import polyline_lengths, resample_polyline
 from portnav_ros.harbour import ClearanceGrid, Harbour
-from portnav_ros.planning.clearance_route import RouteCost, clearance_field, descend, reachable
+from portnav_ros.planning.clearance_route import RouteCost, clearance_field, descend, reachable, round_off
 from portnav_ros.sim.difficulty import Difficulty
 from portnav_ros.sim.ports import GRID_M, draw_berths
 from portnav_ros.sim.scenario import PATH_SPACING_M, ScenarioError, Tracks, no_traffic
@@ -75,10 +75,10 @@ def draw_mission(
         for start in rng.permutation(len(routes)):
             length = polyline_lengths(routes[start])[-1]
             if low <= length <= high:
-                return _mission(routes[start])
+                return _mission(site.grid, routes[start], difficulty)
             excess = max(low - length, length - high)
             if best is None or excess < best[0]:
-                best = excess, _mission(routes[start])
+                best = excess, _mission(site.grid, routes[start], difficulty)
     if best is None:
         raise ScenarioError('no two berths are connected; lower path: least_m or add berths')
     if strict:
@@ -95,8 +95,10 @@ def _routes_to(site: Site, goal: int, cost: RouteCost) -> list[Array]:
     return [descend(site.grid, field, xy, goal_xy) for xy in starts if reachable(site.grid, field, xy)]
 
 
-def _mission(route: Array) -> Mission:
+def _mission(grid: ClearanceGrid, route: Array, difficulty: Difficulty) -> Mission:
     path = resample_polyline(route, PATH_SPACING_M)
+    path = round_off(grid, path, difficulty.rounding_m, difficulty.path.least_m)
+    path = resample_polyline(path, PATH_SPACING_M)
     ahead = path[min(round(HEADING_REACH_M / PATH_SPACING_M), len(path) - 1)] - path[0]
     start = (float(path[0, 0]), float(path[0, 1]), math.atan2(ahead[1], ahead[0]))
     return Mission(start, (float(path[-1, 0]), float(path[-1, 1])), path)

@@ -45,14 +45,16 @@ class PortParams:
     width_m: Interval = (300.0, 900.0)
     connector_m: float = 100.0
     canal_length_m: Interval = (3000.0, 3600.0)
-    canal_width_m: Interval = (280.0, 420.0)
+    canal_width_m: Interval = (340.0, 480.0)
     canal_bend_rad: Interval = (-0.5, 0.5)
     basins: tuple[int, int] = (6, 8)
-    basin_width_m: Interval = (220.0, 340.0)
-    basin_depth_m: Interval = (400.0, 900.0)
+    basin_width_m: Interval = (260.0, 380.0)
+    basin_depth_m: Interval = (450.0, 900.0)
     basin_skew_rad: Interval = (-0.2, 0.2)
+    basin_flare_m: float = 120.0  # how much wider the mouth is on each side, cut at 45 degrees
     berths: int = 10
     berth_clearance_m: float = 80.0
+    berth_mouth_m: float = 220.0  # berths of a basin lie this far from the canal
     berth_spacing_m: float = 220.0
     buoys: tuple[int, int] = (4, 10)
     buoy_radius_m: float = 2.0
@@ -68,8 +70,10 @@ class PortParams:
             self,
             sections=(1, 50),
             connector_m=(10.0, 2000.0),
+            basin_flare_m=(0.0, 1000.0),
             berths=(2, 64),
             berth_clearance_m=(1.0, 500.0),
+            berth_mouth_m=(0.0, 5000.0),
             berth_spacing_m=(0.0, 5000.0),
             buoy_radius_m=(0.1, 50.0),
             buoy_clearance_m=(0.0, 1000.0),
@@ -102,6 +106,9 @@ def make_port(params: PortParams, rng: np.random.Generator) -> Harbour:
     water = shapely.union_all(docks)
     bare = Harbour(params.layout, water)
     grid = bare.clearance(GRID_M)
+    if params.layout == 'basins':
+        canal = docks[-1].buffer(params.berth_mouth_m)
+        docks = [*(basin.difference(canal) for basin in docks[:-1]), docks[-1]]
     berths = draw_berths(grid, docks, params.berths, params.berth_clearance_m, params.berth_spacing_m, rng)
     buoys = _draw_buoys(params, bare, grid, berths, rng)
     return Harbour(params.layout, water, buoys, berths, np.zeros(len(buoys), dtype=np.bool_))
@@ -159,7 +166,7 @@ def _basin(
     side: float,
     rng: np.random.Generator,
 ) -> Polygon:
-    """Rectangle from the canal's centre line, near the share ``at`` of its length, to the basin's head."""
+    """Basin with a flared mouth, from the canal's centre line near the share ``at`` of its length."""
     width, depth = rng.uniform(*params.basin_width_m), rng.uniform(*params.basin_depth_m)
     place = np.clip(at + rng.uniform(-0.3, 0.3) * pitch, 0.08, 0.92) * (CANAL_STATIONS - 1)
     k = min(int(place), CANAL_STATIONS - 2)
@@ -167,9 +174,12 @@ def _basin(
     along = np.arctan2(*(line[k + 1] - line[k])[::-1])
     yaw = along + side * 0.5 * math.pi + rng.uniform(*params.basin_skew_rad)
     axis = np.array([math.cos(yaw), math.sin(yaw)])
-    across = 0.5 * width * np.array([-axis[1], axis[0]])
-    tip = foot + (0.5 * canal_width_m + depth) * axis
-    return Polygon([foot - across, tip - across, tip + across, foot + across])
+    normal = np.array([-axis[1], axis[0]])
+    half, flare, mouth = 0.5 * width, params.basin_flare_m, 0.5 * canal_width_m
+    # along the axis, off it: one side of the basin from the canal to the head
+    side_line = [(0.0, half + flare), (mouth, half + flare), (mouth + flare, half), (mouth + depth, half)]
+    outline = [*side_line, *((along_m, -off_m) for along_m, off_m in reversed(side_line))]
+    return Polygon([foot + along_m * axis + off_m * normal for along_m, off_m in outline])
 
 
 def draw_berths(
