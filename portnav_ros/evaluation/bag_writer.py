@@ -23,12 +23,15 @@ from rosbags.rosbag2.enums import CompressionMode
 from rosbags.rosbag2.errors import WriterError
 from rosbags.rosbag2.storage_mcap import McapWriter
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 Storage = Literal['sqlite3', 'mcap']
 STORAGES: tuple[Storage, ...] = ('sqlite3', 'mcap')
 COMPLETE = 'complete'  # key of the metadata: 'true' once the bag was closed
 TYPES = get_typestore(Stores.ROS2_JAZZY)
+TYPES.register(  # came to Jazzy after its release
+    get_types_from_msg('std_msgs/Header header\ngeometry_msgs/PoseStamped[] goals\n', 'nav_msgs/msg/Goals')
+)
 
 _FOREVER = QosTime(0x7FFFFFFF, 0x7FFFFFFF)
 

@@ -6,12 +6,14 @@ import argparse
 import random
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from tqdm import tqdm
 
+from portnav_ros.evaluation.bag_episode import read_episode
 from portnav_ros.nodes.bringup import (
     Exit,
     GraphResult,
@@ -26,14 +28,6 @@ from portnav_ros.nodes.supervisor import Report
 from portnav_ros.types import Outcome
 
 SEEDS = 1_000_000
-IN_WORDS = {
-    Outcome.SUCCESS: 'goal reached',
-    Outcome.COLLISION_QUAY: 'collision with a quay',
-    Outcome.COLLISION_BUOY: 'collision with a buoy',
-    Outcome.COLLISION_VESSEL: 'collision with a vessel',
-    Outcome.TIMEOUT: 'out of time',
-    Outcome.RUNNING: 'not finished',
-}
 
 
 class ProgressBar:
@@ -100,10 +94,10 @@ def _finish(result: GraphResult, out: Path) -> int:
             f'{result.message}\nthe bag up to here is in {out / BAG}: portnav report {out}', file=sys.stderr
         )
         return result.code
-    from portnav_ros.evaluation.report import write_report  # matplotlib loads slowly
+    from portnav_ros.evaluation.report import headline, write_report  # matplotlib loads slowly
 
-    write_report(out / BAG, out)
+    log = replace(read_episode(out / BAG), wall_s=result.wall_s)
+    page = write_report(log, out)
     factor = result.time_s / result.wall_s
-    print(f'{IN_WORDS[result.outcome]} after {result.time_s:.0f} s ({factor:.0f} x real time)')
-    print(f'{out / "report.html"}  {out / "summary.json"}  {out / BAG}')
+    print(f'{headline(log)} ({factor:.0f} x real time)\n{page}')
     return 0

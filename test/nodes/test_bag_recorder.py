@@ -1,0 +1,130 @@
+"""The recorder as a process: what is published on the topics of the table is in the bag."""
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+from typing import NamedTuple
+
+import pytest
+import rclpy
+import yaml
+from rclpy.context import Context
+from rclpy.node import Node
+
+from portnav_ros.evaluation.bags import read_bag
+from portnav_ros.nodes import messages
+from portnav_ros.nodes.status_pipe import STATUS_FD
+from portnav_ros.nodes.topics import TOPICS, offered_qos
+from portnav_ros.types import Actuation, VesselState
+
+DOMAINS = itertools.count(52)
+TICK_NS = 50_000_000
+COUNT = 400
+
+
+class Driver(NamedTuple):
+    """A node that publishes, on a domain of its own: a killed recorder lingers in discovery."""
+
+    node: Node
+    domain: int
+
+
+@pytest.fixture
+def driver(monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    context, domain = Context(), next(DOMAINS)
+    rclpy.init(context=context, domain_id=domain)
+    yield Driver(rclpy.create_node('driver', context=context), domain)
+    context.try_shutdown()
+
+
+def start(tmp_path, domain: int = 51, **parameters: object) -> subprocess.Popen:
+    """Start a recorder and wait until it says that it is ready."""
+    values = {'bag': str(tmp_path / 'bag'), 'lock_step': True} | parameters
+    file = tmp_path / 'params.yaml'
+    file.write_text(yaml.safe_dump({'bag_recorder': {'ros__parameters': values}}))
+    reader, writer = os.pipe()
+    process = subprocess.Popen(
+        (sys.executable, '-m', 'portnav_ros.nodes.bag_recorder', '--ros-args', '--params-file', str(file)),
+        env=os.environ | {'ROS_DOMAIN_ID': str(domain), STATUS_FD: str(writer)},
+        pass_fds=(writer,),
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    os.close(writer)
+    with os.fdopen(reader) as pipe:
+        ready = pipe.readline()
+    assert 'ready' in ready, process.communicate()[1]
+    return process
+
+
+def publish(node) -> None:
+    """Publish a run of COUNT ticks once the recorder listens."""
+    names = ('odom', 'cmd_actuators', 'episode')
+    publishers = {
+        name: node.create_publisher(TOPICS[name].type, name, offered_qos(TOPICS[name], lock_step=True))
+        for name in names
+    }
+    limit_s = time.monotonic() + 20.0
+    while not all(publisher.get_subscription_count() for publisher in publishers.values()):
+        assert time.monotonic() < limit_s, 'the recorder does not listen'
+    odometry, joints = messages.new_odometry(), messages.new_joints()
+    for tick in range(COUNT):
+        messages.fill_odometry(odometry, tick * TICK_NS, VesselState(float(tick), 0.0, 0.0))
+        publishers['odom'].publish(odometry)
+        messages.fill_joints(joints, tick * TICK_NS, Actuation(0.0, float(tick)))
+        publishers['cmd_actuators'].publish(joints)
+    end = {'outcome': 'SUCCESS', 'stamp': COUNT * TICK_NS}
+    publishers['episode'].publish(messages.status_message('episode', b'\0', '', end))
+    for publisher in publishers.values():
+        assert publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=10))
+        node.destroy_publisher(publisher)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_what_is_published_is_recorded(tmp_path, driver, number):
+    (tmp_path / 'run.json').write_text('{"seed": "7"}')
+    (tmp_path / 'mine.geojson').write_text('{}')
+    process = start(
+        tmp_path, driver.domain, run_file=str(tmp_path / 'run.json'), chart=str(tmp_path / 'mine.geojson')
+    )
+    publish(driver.node)
+    process.send_signal(number)
+    assert process.wait(timeout=20.0) == 0, process.communicate()[1]
+    bag = read_bag(tmp_path)
+    assert not bag.lost
+    assert bag.metadata == {'seed': '7'}
+    assert [stamp for stamp, _ in bag.messages['/odom']] == [k * TICK_NS for k in range(COUNT)]
+    assert [message.effort[1] for _, message in bag.messages['/cmd_actuators']] == list(range(COUNT))
+    assert len(bag.messages['/episode']) == 1
+    assert (tmp_path / 'bag' / 'chart.geojson').exists()
+
+
+@pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])
+def test_a_killed_recorder_leaves_a_readable_bag(tmp_path, driver, storage):
+    process = start(tmp_path, driver.domain, storage=storage, lock_step=False)
+    publish(driver.node)
+    limit_s = time.monotonic() + 20.0
+    while sum(file.stat().st_size for file in (tmp_path / 'bag').iterdir()) < 100_000:
+        assert time.monotonic() < limit_s, 'nothing is written'
+    process.kill()
+    process.wait()
+    bag = read_bag(tmp_path)
+    read = [stamp for stamp, _ in bag.messages['/odom']]
+    assert read == [k * TICK_NS for k in range(len(read))]
+    assert len(read) >= 100
+    assert bag.lost
+
+
+def test_a_bag_that_is_there_is_not_overwritten(tmp_path):
+    (tmp_path / 'bag').mkdir()
+    with pytest.raises(AssertionError, match='exists already'):
+        start(tmp_path)
+
+
+def test_an_unknown_parameter_is_refused(tmp_path):
+    with pytest.raises(AssertionError, match=r"unknown key 'storrage'; did you mean 'storage'"):
+        start(tmp_path, storrage='mcap')
