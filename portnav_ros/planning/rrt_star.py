@@ -36,11 +36,12 @@ class PlanFailure(StrEnum):
 
 
 class PlanError(ValueError):
-    """There is no plan; ``reason`` tells programs why, the message tells people."""
+    """There is no plan; ``reason`` tells programs why, ``detail`` tells people."""
 
-    def __init__(self, reason: PlanFailure, message: str) -> None:
-        super().__init__(f'{reason}: {message}')
+    def __init__(self, reason: PlanFailure, detail: str) -> None:
+        super().__init__(f'{reason}: {detail}')
         self.reason = reason
+        self.detail = detail
 
 
 class PlanCancelledError(Exception):
