@@ -71,7 +71,7 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.11',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
-    package_data={PACKAGE: ['py.typed']},
+    package_data={PACKAGE: ['py.typed', 'evaluation/page/*']},
     data_files=data_files(),
     install_requires=REQUIREMENTS,
     extras_require=EXTRAS,

@@ -26,7 +26,7 @@ from portnav_ros.types import Outcome
 
 PAGE = Path(__file__).resolve().with_name('page')
 PLOT_PERIOD_S = 0.5
-LOST = 'lost'  # metadata of a bag that was cut off
+LOST, OPTIONS = 'lost', 'options'  # metadata of a bag: what is missing of it, what was run
 _NEAREST = ('a quay', 'a buoy', 'another vessel')
 
 
@@ -73,7 +73,8 @@ def write_report(source: EpisodeLog | Path, folder: Path) -> Path:
 def headline(log: EpisodeLog) -> str:
     """Return the outcome in one line."""
     minutes, seconds = divmod(round(log.length_s), 60)
-    text = f'{log.planner or "the vessel"} {plots.SENTENCES[log.outcome]} after {minutes}:{seconds:02d} min'
+    who = f'The {log.planner} planner' if log.planner else 'The vessel'
+    text = f'{who} {plots.SENTENCES[log.outcome]} after {minutes}:{seconds:02d} min'
     return f'{text}{_closest(log)}.'
 
 
@@ -94,11 +95,11 @@ def summary(log: EpisodeLog, values: dict[str, float]) -> dict[str, Any]:
 
 def rerun_command(log: EpisodeLog) -> str:
     """Return the command that repeats the episode."""
-    if 'command' in log.metadata:
-        return log.metadata['command']
+    options = json.loads(log.metadata.get(OPTIONS, '{}'))
     parts = ['portnav', 'demo', '--seed', str(log.seed)]
-    for option, value in (('--difficulty', log.difficulty), ('--planner', log.planner)):
-        parts += [option, value] if value else []
+    known = {'difficulty': log.difficulty, 'planner': log.planner, **options}
+    for name in ('difficulty', 'scenario', 'chart', 'planner'):
+        parts += [f'--{name}', known[name]] if known.get(name) else []
     return shlex.join(parts)
 
 
@@ -122,7 +123,7 @@ def _page(log: EpisodeLog, drawn: EpisodeLog, values: dict[str, float], port: st
         style=(PAGE / 'report.css').read_text(encoding='utf-8'),
         outcome=escape(log.outcome.name.lower().replace('_', ' ')),
         outcome_class=_badge(log.outcome),
-        sentence=escape(text[0].upper() + text[1:]),
+        sentence=escape(text),
         facts=escape(_facts(log)),
         warning=_warning(log),
         figures='\n'.join(_figure(metric, values[metric.key]) for metric in METRICS),
@@ -164,9 +165,10 @@ def _warning(log: EpisodeLog) -> str:
 def _figure(metric: Metric, value: float) -> str:
     if math.isnan(value):
         return ''
+    shown, unit = metric.text(value)
     return (
         f'<div class="figure"><span class="label">{escape(metric.label)}</span>'
-        f'<span class="value">{value:.4g}</span> <span class="unit">{escape(metric.unit)}</span></div>'
+        f'<span class="value">{shown}</span> <span class="unit">{escape(unit)}</span></div>'
     )
 
 

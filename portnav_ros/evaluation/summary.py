@@ -54,7 +54,7 @@ def table(summary: Mapping[str, Any]) -> str:
     for metric in METRICS:
         value = summary[f'{metric.average}_{metric.key}']
         if not math.isnan(value):
-            rows.append((metric.label, f'{value:.4g}', metric.unit))
+            rows.append((metric.label, *metric.text(value)))
     return '\n'.join(f'  {name:24}{value:>10}  {note}'.rstrip() for name, value, note in rows)
 
 

@@ -20,6 +20,8 @@ from portnav_ros.evaluation.metrics.real_time_factor import real_time_factor
 from portnav_ros.evaluation.metrics.rudder_reversals import rudder_reversals_per_min
 from portnav_ros.sim.world import DECISION_S
 
+SHORT_S = 0.5
+
 
 class Metric(NamedTuple):
     """A figure of one episode. key: in files; label and unit: where people read it.
@@ -32,6 +34,12 @@ class Metric(NamedTuple):
     unit: str
     measure: Callable[[EpisodeLog], float]
     average: Literal['mean', 'median'] = 'mean'
+
+    def text(self, value: float) -> tuple[str, str]:
+        """Return value and unit as people read them: short times in milliseconds."""
+        if self.unit == 's' and abs(value) < SHORT_S:
+            return f'{1e3 * value:.3g}', 'ms'
+        return f'{value:.4g}', self.unit
 
 
 METRICS = (

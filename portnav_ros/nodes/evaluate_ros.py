@@ -1,0 +1,62 @@
+"""Sails the episodes of an evaluation through the whole graph; every figure comes from the bag."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from portnav_ros.evaluation.bag_episode import read_episode
+from portnav_ros.evaluation.planners import EvaluationError
+from portnav_ros.evaluation.trial import EpisodeResult, Trial, judge
+from portnav_ros.nodes.bringup import sail
+from portnav_ros.nodes.preparation import BAG, GraphOptions, read_configuration
+from portnav_ros.nodes.supervisor import Report
+from portnav_ros.types import Outcome
+
+INTERRUPTED = 130
+
+
+def run_trial(
+    trial: Trial, seeds: Sequence[int], batch: int, workers: int, keep_logs: bool = False
+) -> Iterator[EpisodeResult]:
+    """Yield the result of each seed, one graph after the other in lock-step.
+
+    Args:
+        trial: planner and source of scenarios.
+        seeds: world seeds.
+        batch: unused: a graph sails one vessel.
+        workers: unused: a graph is a handful of processes already.
+        keep_logs: attach each episode's log.
+
+    Raises:
+        EvaluationError: a graph ended before its episode did.
+        KeyboardInterrupt: Ctrl-C.
+    """
+    configuration = read_configuration(None)
+    for seed in seeds:
+        options = GraphOptions(
+            planner=trial.planner,
+            difficulty=trial.difficulty,
+            scenario=trial.scenario,
+            chart=trial.chart,
+            seed=seed,
+            mode='lock_step',
+        )
+        with tempfile.TemporaryDirectory(prefix='portnav_') as folder:
+            result = sail(options, configuration, Path(folder), _ignore, _say_nothing)
+            if result.code == INTERRUPTED:
+                raise KeyboardInterrupt
+            if result.outcome is Outcome.RUNNING:
+                raise EvaluationError(f'--through ros, seed {seed}: {result.message}')
+            log = replace(read_episode(Path(folder) / BAG), wall_s=result.wall_s)
+        yield judge(log, trial, keep_logs)
+
+
+def _ignore(report: Report) -> None:
+    """Nothing to show: the evaluation has its own progress bar."""
+
+
+def _say_nothing(line: str) -> None:
+    """What goes wrong is in the result."""

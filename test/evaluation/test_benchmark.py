@@ -1,0 +1,53 @@
+import argparse
+import json
+import sys
+from types import ModuleType
+
+import pytest
+
+from portnav_ros.evaluation import benchmark
+from portnav_ros.evaluation.provenance import command_line, git_commit, machine
+
+
+@pytest.fixture
+def part(monkeypatch):
+    module = ModuleType('portnav_ros.evaluation.benchmark_plan')
+    module.add_arguments = lambda parser: parser.add_argument('--rounds', type=int, default=1)
+    module.run = lambda arguments: {
+        'rounds': arguments.rounds,
+        'rate': 123456.7,
+        'shares': {'scan': 0.25},
+        'unknown': float('nan'),
+    }
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+
+
+def run(*words: str) -> int:
+    parser = argparse.ArgumentParser()
+    benchmark.add_arguments(parser)
+    return benchmark.run(parser.parse_args(list(words)))
+
+
+def test_a_part_takes_its_options_and_leaves_its_figures(part, tmp_path, capsys):
+    file = tmp_path / 'plan.json'
+    assert run('plan', '--rounds', '3', '--json', str(file)) == 0
+    values = json.loads(file.read_text())
+    assert values['rounds'] == 3
+    assert values['shares'] == {'scan': 0.25}
+    assert values['unknown'] is None
+    assert {'processor', 'cores', 'version', 'command'} <= set(values)
+    assert '123,457' in capsys.readouterr().out
+
+
+def test_an_unknown_part_or_option_is_refused(part, capsys):
+    for words in (('engine',), ('plan', '--laps', '3')):
+        with pytest.raises(SystemExit):
+            run(*words)
+    assert '--laps' in capsys.readouterr().err
+
+
+def test_provenance_of_this_process(monkeypatch):
+    monkeypatch.setattr(sys, 'argv', ['/usr/bin/portnav', 'evaluate', '--scenario', 'two words'])
+    assert command_line() == "portnav evaluate --scenario 'two words'"
+    assert int(machine()['cores']) >= 1
+    assert git_commit()

@@ -1,0 +1,120 @@
+import argparse
+import csv
+import json
+from collections.abc import Iterator, Sequence
+
+import pytest
+
+from portnav_ros.evaluation import evaluate, workers
+from portnav_ros.evaluation.metrics.table import METRICS
+from portnav_ros.evaluation.trial import EpisodeResult, Trial
+from portnav_ros.types import Outcome
+
+KEYS = {
+    'planner',
+    'difficulty',
+    'episodes',
+    'seed',
+    'success',
+    'success_low',
+    'success_high',
+    'collision_quay',
+    'collision_buoy',
+    'collision_vessel',
+    'timeout',
+    'mean_return',
+    'mean_length_s',
+    'mean_abs_e_x_m',
+    'mean_abs_e_y_m',
+    'mean_abs_e_psi_rad',
+    'command',
+    'version',
+    'git_commit',
+    'workers',
+    'wall_s',
+    'complete',
+}
+
+
+def arguments(words: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    evaluate.add_arguments(parser)
+    return parser.parse_args(words.split())
+
+
+def fake_result(trial: Trial, seed: int) -> EpisodeResult:
+    wins = seed % (2 if trial.planner == 'dwa' else 4) != 0
+    outcome = Outcome.SUCCESS if wins else Outcome.COLLISION_VESSEL
+    return EpisodeResult(seed, outcome, {metric.key: float(seed % 10) for metric in METRICS})
+
+
+@pytest.fixture
+def fake_runner(monkeypatch):
+    def run_trial(trial: Trial, seeds: Sequence[int], batch: int, workers: int) -> Iterator[EpisodeResult]:
+        return (fake_result(trial, seed) for seed in reversed(seeds))
+
+    monkeypatch.setattr(workers, 'run_trial', run_trial)
+
+
+def test_real_episodes_end_in_json_and_csv(tmp_path, capsys):
+    figures, rows = tmp_path / 'out' / 'figures.json', tmp_path / 'rows.csv'
+    words = '--planner line_of_sight --difficulty easy --episodes 2 --seed 40 --workers 1 --split training'
+    code = evaluate.run(arguments(f'{words} --json {figures} --episodes-csv {rows}'))
+    assert code == 0
+    values = json.loads(figures.read_text())
+    assert set(values) >= KEYS
+    assert values['episodes'] == 2
+    assert values['success_low'] <= values['success'] <= values['success_high']
+    with rows.open() as file:
+        table = list(csv.DictReader(file))
+    assert [row['seed'] for row in table] == ['40', '41']
+    assert float(table[0]['length_s']) > 0.0
+    assert 'line_of_sight on easy: 2 episodes' in capsys.readouterr().out
+
+
+def test_episodes_come_in_the_order_of_their_seeds(fake_runner, tmp_path):
+    rows = tmp_path / 'rows.csv'
+    words = '--planner dwa --episodes 5 --split validation'
+    assert evaluate.run(arguments(f'{words} --episodes-csv {rows}')) == 0
+    with rows.open() as file:
+        assert [int(row['seed']) for row in csv.DictReader(file)] == list(range(1_000_000, 1_000_005))
+
+
+def test_two_planners_are_compared_pair_by_pair(fake_runner, tmp_path, capsys):
+    figures = tmp_path / 'figures.json'
+    words = '--planner dwa --against line_of_sight --episodes 40'
+    assert evaluate.run(arguments(f'{words} --json {figures}')) == 0
+    against = json.loads(figures.read_text())['against']
+    assert against['planner'] == 'line_of_sight'
+    assert against['paired']['difference'] == pytest.approx(-0.25)
+    assert (against['paired']['only_first'], against['paired']['only_second']) == (0, 10)
+    assert 'McNemar' in capsys.readouterr().out
+
+
+def test_an_interrupted_evaluation_keeps_what_is_done(monkeypatch, tmp_path, capsys):
+    def run_trial(trial: Trial, seeds: Sequence[int], batch: int, workers: int) -> Iterator[EpisodeResult]:
+        yield fake_result(trial, seeds[0])
+        yield fake_result(trial, seeds[1])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(workers, 'run_trial', run_trial)
+    figures = tmp_path / 'figures.json'
+    code = evaluate.run(arguments(f'--planner dwa --episodes 9 --json {figures}'))
+    assert code == evaluate.EXIT_INTERRUPTED
+    values = json.loads(figures.read_text())
+    assert (values['episodes'], values['complete']) == (2, False)
+    assert 'interrupted after 2 of 9' in capsys.readouterr().err
+
+
+def test_unknown_figures_become_null(fake_runner, monkeypatch, tmp_path):
+    def run_trial(trial: Trial, seeds: Sequence[int], batch: int, workers: int) -> Iterator[EpisodeResult]:
+        yield EpisodeResult(
+            seeds[0], Outcome.TIMEOUT, {metric.key: float('nan') for metric in METRICS} | {'length_s': 900.0}
+        )
+
+    monkeypatch.setattr(workers, 'run_trial', run_trial)
+    figures = tmp_path / 'figures.json'
+    evaluate.run(arguments(f'--planner dwa --episodes 1 --json {figures}'))
+    values = json.loads(figures.read_text())
+    assert values['mean_path_over_plan'] is None
+    assert values['mean_length_s'] == 900.0
