@@ -78,7 +78,7 @@ def offered_qos(topic: Topic, lock_step: bool = False) -> QoSProfile:
 
 
 def asked_qos(topic: Topic, lock_step: bool = False) -> QoSProfile:
-    """What a subscriber asks: best effort and volatile, unless the topic is latched or the run in lock-step."""
+    """What a subscriber asks: best effort, unless the topic is latched or the run in lock-step."""
     if topic.latched or lock_step:
         return offered_qos(topic, lock_step)
     return QoSProfile(

@@ -1,0 +1,208 @@
+"""What every node shares: parameters, guarded subscriptions, diagnostics, executor and exit codes."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from enum import IntEnum
+from types import MappingProxyType
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import qos_policy_name_from_kind
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
+from rclpy.task import Future
+
+from portnav_ros.harbour import ChartError
+from portnav_ros.muzero.policy import ModelError
+from portnav_ros.nodes import status_pipe
+from portnav_ros.nodes.messages import MessageError, status_message
+from portnav_ros.nodes.parameters import declare
+from portnav_ros.nodes.topics import TOPICS, asked_qos, offered_qos
+from portnav_ros.params import ParamError
+from portnav_ros.sim.scenario import ScenarioError
+
+P = TypeVar('P')
+
+DIAGNOSTICS_PERIOD_S = 1.0
+SPIN_S = 1.0
+FLUSH_S = 2.0
+
+
+class Exit(IntEnum):
+    """Exit codes of a node; a signal ends it with OK."""
+
+    OK = 0
+    CRASH = 1
+    CONFIGURATION = 2
+    NO_MODEL = 3
+    NO_ANSWER = 4
+
+
+class Health(NamedTuple):
+    """What a node says of itself: a level of DiagnosticStatus, one line, and figures."""
+
+    level: bytes = DiagnosticStatus.OK
+    text: str = 'ok'
+    values: Mapping[str, object] = MappingProxyType({})
+
+
+class PortNode(Node, Generic[P]):
+    """A node with parameters P, which speaks the topics of the table and reports its health at 1 Hz.
+
+    Args:
+        name: of the node.
+        defaults: frozen dataclass whose fields become the parameters.
+        options: for rclpy's Node, such as parameter_overrides.
+
+    Raises:
+        ParamError: an unknown parameter, a wrong type or a value out of range.
+    """
+
+    def __init__(self, name: str, defaults: P, **options: Any) -> None:
+        super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
+        self.params: P = declare(self, defaults)
+        self.lock_step = bool(getattr(self.params, 'lock_step', False))
+        self.exit_code = Exit.OK
+        self.refused: Counter[str] = Counter()
+        self._done = Future()
+        self._reasons: dict[str, str] = {}
+        self._mismatched: dict[str, str] = {}
+        self._owned: list[Publisher] = []
+        self._diagnostics = self.publisher('diagnostics')
+        self.timer(DIAGNOSTICS_PERIOD_S, self.report_health)
+
+    def publisher(self, topic: str) -> Publisher:
+        """Return a publisher of a topic of the table."""
+        row = TOPICS[topic]
+        publisher = self.create_publisher(
+            row.type,
+            row.name,
+            offered_qos(row, self.lock_step),
+            event_callbacks=PublisherEventCallbacks(
+                incompatible_qos=lambda event: self._note_mismatch(topic, event)
+            ),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+        self._owned.append(publisher)
+        return publisher
+
+    def subscribe(self, topic: str, callback: Callable[[Any], None]) -> Subscription:
+        """Subscribe to a topic of the table; a message for which the callback raises MessageError is
+        refused and counted.
+        """
+        row = TOPICS[topic]
+
+        def guarded(message: Any) -> None:
+            try:
+                callback(message)
+            except MessageError as error:
+                self.refuse(topic, str(error))
+
+        return self.create_subscription(
+            row.type,
+            row.name,
+            guarded,
+            asked_qos(row, self.lock_step),
+            event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=lambda event: self._note_mismatch(topic, event)
+            ),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+
+    def timer(self, period_s: float, callback: Callable[[], None]) -> None:
+        """Call back at a period of the steady clock, which no simulation stops."""
+        self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def refuse(self, topic: str, reason: str) -> None:
+        """Count a message that cannot be used; the first of each kind is logged."""
+        self.refused[topic] += 1
+        if self._reasons.get(topic) != reason:
+            self.get_logger().warning(f'{topic}: message refused: {reason}')
+        self._reasons[topic] = reason
+
+    def health(self) -> Health:
+        """Return the node's own part of the diagnostics."""
+        return Health()
+
+    def report_health(self) -> None:
+        """Publish the diagnostics."""
+        level, text, values = self.health()
+        values = {**values, **{f'refused_{topic}': count for topic, count in self.refused.items()}}
+        if self.refused and level == DiagnosticStatus.OK:
+            level, text = DiagnosticStatus.WARN, f'messages refused: {self._reasons}'
+        if self._mismatched:
+            level, text = DiagnosticStatus.ERROR, '; '.join(self._mismatched.values())
+        message = DiagnosticArray(status=[status_message(self.get_name(), level, text, values)])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+    def finish(self, code: Exit = Exit.OK) -> None:
+        """End the node's process, once what it has published is delivered."""
+        self.exit_code = code
+        self._done.set_result(None)
+
+    def spin(self) -> None:
+        """Serve callbacks until finish() or a signal.
+
+        The executor of events is several times faster than the default one. Its plain ``spin()`` must not
+        be used: in rclpy 7.1 an idle wait without an end turns into a busy loop that holds the lock of the
+        queue, so that no message and no timer gets in. Waits with an end are sound.
+        """
+        executor = EventsExecutor()
+        executor.add_node(self)
+        try:
+            while self.context.ok() and not self._done.done():
+                executor.spin_until_future_complete(self._done, SPIN_S)
+        except (KeyboardInterrupt, ExternalShutdownException):
+            return
+        finally:
+            executor.remove_node(self)
+        self._flush()
+
+    def _flush(self) -> None:
+        deadline = time.monotonic() + FLUSH_S
+        for publisher in self._owned:
+            left_s = deadline - time.monotonic()
+            if left_s > 0.0 and self.context.ok():
+                publisher.wait_for_all_acked(Duration(seconds=left_s))
+
+    def _note_mismatch(self, topic: str, event: Any) -> None:
+        policy = qos_policy_name_from_kind(event.last_policy_kind)
+        self._mismatched[topic] = f'{topic}: another end has an incompatible QoS ({policy})'
+        self.get_logger().error(self._mismatched[topic])
+
+
+def run_node(factory: Callable[[], PortNode[Any]]) -> int:
+    """Build a node, tell the bringup that it is ready, spin it, and return its exit code."""
+    rclpy.init()
+    try:
+        node = factory()
+        status_pipe.report_ready()
+        node.spin()
+        return int(node.exit_code)
+    except (ParamError, ScenarioError, ChartError) as error:
+        return _complain(error, Exit.CONFIGURATION)
+    except ModelError as error:
+        return _complain(error, Exit.NO_MODEL)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return int(Exit.OK)
+    finally:
+        rclpy.try_shutdown()
+
+
+def _complain(error: Exception, code: Exit) -> int:
+    print(f'error: {error}', file=sys.stderr, flush=True)
+    return int(code)
