@@ -13,7 +13,7 @@ from portnav_ros.evaluation.episode_log import EpisodeLog
 from portnav_ros.evaluation.metrics.table import measure
 from portnav_ros.evaluation.planners import EvaluationError, make_planner
 from portnav_ros.harbour import Harbour
-from portnav_ros.sim.difficulty import load_difficulty
+from portnav_ros.sim.difficulty import Difficulty, load_difficulty
 from portnav_ros.sim.generator import chart_scenario, make_scenario
 from portnav_ros.sim.scenario import Scenario
 from portnav_ros.task.policy import Policy
@@ -56,6 +56,10 @@ class Trial:
     def _harbour(self) -> Harbour | None:
         return None if self.chart is None else read_chart(self.chart)
 
+    @cached_property
+    def _difficulty(self) -> Difficulty:
+        return load_difficulty(self.difficulty)
+
     def make_scenario(self, seed: int) -> Scenario:
         """Make the scenario of a world seed, with its path."""
         if self.scenario is not None:
@@ -63,8 +67,8 @@ class Trial:
 
             return load_scenario(self.scenario, seed)
         if self._harbour is not None:
-            return chart_scenario(self._harbour, load_difficulty(self.difficulty), seed)
-        return make_scenario(load_difficulty(self.difficulty), seed)
+            return chart_scenario(self._harbour, self._difficulty, seed)
+        return make_scenario(self._difficulty, seed)
 
     def make_planner(self, scenario: Scenario) -> Policy:
         """Build the planner for the scenarios' vessel."""
