@@ -13,12 +13,20 @@ from portnav_ros.sim.difficulty import Difficulty, load_difficulty, load_vessel
 from portnav_ros.sim.mission import Mission, Site, chart_nodes, draw_mission, make_site
 from portnav_ros.sim.ports import make_port
 from portnav_ros.sim.scenario import PATH_SPACING_M, Scenario, ScenarioError, Traffic
+from portnav_ros.sim.scenario_files import load_scenario
 from portnav_ros.sim.traffic_draw import draw_traffic
 from portnav_ros.types import Array
 from portnav_ros.vessel import VesselParams
 
 T = TypeVar('T')
-__all__ = ['ScenarioPool', 'chart_scenario', 'load_difficulty', 'load_vessel', 'make_scenario']
+__all__ = [
+    'ScenarioPool',
+    'chart_scenario',
+    'load_difficulty',
+    'load_scenario',
+    'load_vessel',
+    'make_scenario',
+]
 
 Route = Callable[[Harbour, tuple[float, float], tuple[float, float], int], Array]
 Progress = Callable[[int, int], None]

@@ -45,10 +45,10 @@ class PortParams:
     width_m: Interval = (300.0, 900.0)
     connector_m: float = 100.0
     canal_length_m: Interval = (3000.0, 3600.0)
-    canal_width_m: Interval = (340.0, 480.0)
+    canal_width_m: Interval = (300.0, 400.0)
     canal_bend_rad: Interval = (-0.5, 0.5)
     basins: tuple[int, int] = (6, 8)
-    basin_width_m: Interval = (260.0, 380.0)
+    basin_width_m: Interval = (260.0, 340.0)
     basin_depth_m: Interval = (450.0, 900.0)
     basin_skew_rad: Interval = (-0.2, 0.2)
     basin_flare_m: float = 120.0  # how much wider the mouth is on each side, cut at 45 degrees
@@ -168,7 +168,9 @@ def _basin(
 ) -> Polygon:
     """Basin with a flared mouth, from the canal's centre line near the share ``at`` of its length."""
     width, depth = rng.uniform(*params.basin_width_m), rng.uniform(*params.basin_depth_m)
-    place = np.clip(at + rng.uniform(-0.3, 0.3) * pitch, 0.08, 0.92) * (CANAL_STATIONS - 1)
+    length = float(np.hypot(*np.diff(line, axis=0).T).sum())
+    margin = min((0.5 * width + params.basin_flare_m) / length + 0.02, 0.5)
+    place = np.clip(at + rng.uniform(-0.3, 0.3) * pitch, margin, 1.0 - margin) * (CANAL_STATIONS - 1)
     k = min(int(place), CANAL_STATIONS - 2)
     foot = line[k] + (place - k) * (line[k + 1] - line[k])
     along = np.arctan2(*(line[k + 1] - line[k])[::-1])
