@@ -58,7 +58,8 @@ class Recording:
 
     The first topic keeps the time. A message that is stamped more than AHEAD_NS later than its newest
     is filed under that newest, so that one message from another clock cannot spoil the order. A disk
-    that refuses ends the recording, not the caller: see ``failure``.
+    that refuses ends the recording, not the caller: see ``failure``. A message that repeats the topic's
+    last one to the letter is left out: a sim that waits repeats itself as long as the wait takes.
 
     Args:
         path: folder of the bag, which must not exist yet.
@@ -86,6 +87,7 @@ class Recording:
         self._margin_ns = margin_ns
         self._newest_ns = 0
         self._checkpoint_ns = CHECKPOINT_NS
+        self._last = [(-1, b'')] * len(topics)
         self._bag = BagWriter(path, storage, metadata)
         for topic in topics:
             self._bag.add_topic(*topic)
@@ -126,8 +128,10 @@ class Recording:
         if item.stamp_ns >= self._checkpoint_ns:
             self._bag.checkpoint()
             self._checkpoint_ns = (item.stamp_ns // CHECKPOINT_NS + 1) * CHECKPOINT_NS
-        self._bag.write(item.topic, item.stamp_ns, item.data)
-        self.written += 1
+        if self._last[item.topic] != (item.stamp_ns, item.data):
+            self._last[item.topic] = item.stamp_ns, item.data
+            self._bag.write(item.topic, item.stamp_ns, item.data)
+            self.written += 1
 
     def _fail(self, error: BagError) -> None:
         self.failure = str(error)

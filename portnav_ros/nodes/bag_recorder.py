@@ -10,23 +10,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.node import Node
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
 from portnav_ros.evaluation.bag_episode import CHART
-from portnav_ros.evaluation.bag_writer import Storage
+from portnav_ros.evaluation.bag_writer import BagError, Storage
 from portnav_ros.evaluation.recording import RecordedTopic, Recording
 from portnav_ros.nodes import status_pipe
+from portnav_ros.nodes.runtime import Health, PortNode, run_node
 from portnav_ros.nodes.topics import TOPICS, Topic, asked_qos
-from portnav_ros.params import override
+from portnav_ros.params import ParamError
 
-NAME = 'bag_recorder'
-ROS_OWN = ('use_sim_time', 'start_type_description_service')
-POLL_S = 0.01  # queues are emptied in bulk: at 50 times real time this costs a tenth of waking up for each
+POLL_S = 0.01  # queues are emptied in bulk, which costs half of waking up for each message
 QUEUE_DEPTH = 5000
 MARGIN_NS = 2_000_000_000
 LOCK_STEP_MARGIN_NS = 10_000_000_000
@@ -50,74 +47,79 @@ class RecorderParams:
     reliable: bool = True
 
 
-class BagRecorder(Node):
+class BagRecorder(PortNode[RecorderParams]):
     """Takes serialised messages out of their queues and files them."""
 
-    def __init__(self, **overrides: Any) -> None:
-        super().__init__(NAME, automatically_declare_parameters_from_overrides=True, **overrides)
-        params = _read_params(self)
+    def __init__(self, **options: Any) -> None:
+        super().__init__('bag_recorder', RecorderParams(), **options)
+        self._signals: list[int] = []
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda n, _: self._signals.append(n))
         topics = [topic for topic in TOPICS.values() if topic.recorded]
-        self._queues = [
-            self._subscribe(topic, params.reliable, number) for number, topic in enumerate(topics)
-        ]
-        self._diagnostics = self.create_publisher(DiagnosticArray, 'diagnostics', 10)
-        path = Path(params.bag)
-        self.recording = Recording(
-            path,
-            params.storage,
-            [_recorded(topic, queue) for topic, queue in zip(topics, self._queues, strict=True)],
-            _read_metadata(params.run_file),
-            LOCK_STEP_MARGIN_NS if params.lock_step else MARGIN_NS,
-        )
-        if params.chart:
-            shutil.copy(params.chart, path / CHART)
-        self._reported_s = 0.0
+        self._queues = [self._queue(number, topic) for number, topic in enumerate(topics)]
+        self._recording = self._open(topics)
+        self._told = False
 
     def tick(self) -> int:
         """Empty every queue once and file what is due; returns how many messages there were."""
-        self.recording.file()
+        self._recording.file()
         taken = sum(self._empty(number, queue) for number, queue in enumerate(self._queues))
-        if self.recording.failure and time.monotonic() - self._reported_s > 1.0:
-            self._report_failure()
+        if self._recording.failure and not self._told:
+            self._told = True
+            self.get_logger().error(f'recording has stopped: {self._recording.failure}')
+            status_pipe.report(failure=self._recording.failure)
+            self.report_health()
         return taken
 
-    def finish(self) -> None:
-        """Take what is still in the queues and close the bag."""
+    def health(self) -> Health:
+        """Say how much is recorded and from how many publishers, or why no more."""
+        if self._recording.failure:
+            return Health(DiagnosticStatus.ERROR, f'recording has stopped: {self._recording.failure}')
+        publishers = sum(queue.get_publisher_count() for queue in self._queues)
+        return Health(values={'messages': self._recording.written, 'publishers': publishers})
+
+    def spin(self) -> None:
+        """Record until SIGINT or SIGTERM, take what is still in the queues and close the bag."""
+        executor = SingleThreadedExecutor()
+        executor.add_node(self)
+        while not self._signals:
+            self.tick()
+            executor.spin_once(timeout_sec=0.0)
+            time.sleep(POLL_S)
         while self.tick():
             pass
-        self.recording.close()
-        if self.recording.failure:
-            self._report_failure()
-        self.get_logger().info(f'{self.recording.written} messages recorded')
+        self._recording.close()
+        self.tick()
+        self.get_logger().info(f'{self._recording.written} messages recorded')
 
-    def _subscribe(self, topic: Topic, reliable: bool, number: int) -> Subscription:
+    def _open(self, topics: list[Topic]) -> Recording:
+        params, path = self.params, Path(self.params.bag)
+        rows = [_recorded(topic, queue) for topic, queue in zip(topics, self._queues, strict=True)]
+        margin_ns = LOCK_STEP_MARGIN_NS if params.lock_step else MARGIN_NS
+        try:
+            recording = Recording(path, params.storage, rows, _read_metadata(params.run_file), margin_ns)
+            if params.chart:
+                shutil.copy(params.chart, path / CHART)
+        except (BagError, OSError, ValueError) as error:
+            raise ParamError(f'{self.get_name()}: {error}') from error
+        return recording
+
+    def _queue(self, number: int, topic: Topic) -> Subscription:
         qos = asked_qos(topic)
         qos.depth = QUEUE_DEPTH
-        if reliable:
+        if self.params.reliable:
             qos.reliability = ReliabilityPolicy.RELIABLE
         return self.create_subscription(
-            topic.type, topic.name, lambda data: self.recording.push(number, data), qos, raw=True
+            topic.type, topic.name, lambda data: self._recording.push(number, data), qos, raw=True
         )
 
     def _empty(self, number: int, queue: Subscription) -> int:
         taken = 0
         with queue.handle:
             while (item := queue.handle.take_message(queue.msg_type, True)) is not None:
-                self.recording.push(number, item[0])
+                self._recording.push(number, item[0])
                 taken += 1
         return taken
-
-    def _report_failure(self) -> None:
-        failure = self.recording.failure
-        if not self._reported_s:
-            self.get_logger().error(f'recording has stopped: {failure}')
-            status_pipe.report(failure=failure)
-        self._reported_s = time.monotonic()
-        message = DiagnosticArray()
-        message.header.stamp = self.get_clock().now().to_msg()
-        status = DiagnosticStatus(level=DiagnosticStatus.ERROR, name=NAME, message=failure)
-        message.status.append(status)
-        self._diagnostics.publish(message)
 
 
 def _recorded(topic: Topic, queue: Subscription) -> RecordedTopic:
@@ -126,33 +128,13 @@ def _recorded(topic: Topic, queue: Subscription) -> RecordedTopic:
     return RecordedTopic(queue.topic_name, message_type, topic.depth, topic.latched)
 
 
-def _read_params(node: Node) -> RecorderParams:
-    given = {key: item.value for key, item in node.get_parameters_by_prefix('').items()}
-    own = {key: value for key, value in given.items() if key not in ROS_OWN and '.' not in key}
-    return override(RecorderParams(), own, NAME)
-
-
 def _read_metadata(file: str) -> dict[str, str]:
     return dict(json.loads(Path(file).read_text(encoding='utf-8'))) if file else {}
 
 
 def main() -> int:
-    """Record until SIGINT or SIGTERM, then close the bag."""
-    stopped: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda n, _: stopped.append(n))
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        node = BagRecorder()
-        status_pipe.report_ready()
-        while not stopped:
-            node.tick()
-            rclpy.spin_once(node, timeout_sec=0.0)
-            time.sleep(POLL_S)
-        node.finish()
-    finally:
-        rclpy.try_shutdown()
-    return 0
+    """Run the node."""
+    return run_node(BagRecorder)
 
 
 if __name__ == '__main__':

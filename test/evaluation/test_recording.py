@@ -90,6 +90,14 @@ def test_a_message_from_another_clock_does_not_spoil_the_order(tmp_path):
     assert [stamp for stamp, _ in bag.messages['/time']] == [0, SECOND_NS]
 
 
+def test_a_repeated_message_is_recorded_once(tmp_path):
+    messages = [(0, pose(0, 1.0)), (1, pose(0, 1.0)), (0, pose(0, 1.0)), (0, pose(0, 2.0)), (0, pose(1, 2.0))]
+    record(tmp_path / 'bag', messages)
+    bag = read_bag(tmp_path)
+    assert [message.pose.position.x for _, message in bag.messages['/time']] == [1.0, 2.0, 2.0]
+    assert len(bag.messages['/other']) == 1
+
+
 def test_a_disk_that_refuses_ends_the_recording_only(tmp_path, monkeypatch):
     recording = Recording(tmp_path / 'bag', 'sqlite3', TOPICS, {}, 2 * SECOND_NS)
     refusals = itertools.count()

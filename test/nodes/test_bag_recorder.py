@@ -12,6 +12,7 @@ import pytest
 import rclpy
 import yaml
 from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from portnav_ros.evaluation.bags import read_bag
@@ -29,6 +30,7 @@ class Driver(NamedTuple):
     """A node that publishes, on a domain of its own: a killed recorder lingers in discovery."""
 
     node: Node
+    executor: SingleThreadedExecutor
     domain: int
 
 
@@ -37,7 +39,9 @@ def driver(monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     context, domain = Context(), next(DOMAINS)
     rclpy.init(context=context, domain_id=domain)
-    yield Driver(rclpy.create_node('driver', context=context), domain)
+    node, executor = rclpy.create_node('driver', context=context), SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    yield Driver(node, executor, domain)
     context.try_shutdown()
 
 
@@ -61,16 +65,24 @@ def start(tmp_path, domain: int = 51, **parameters: object) -> subprocess.Popen:
     return process
 
 
-def publish(node) -> None:
+def publish(node, executor) -> None:
     """Publish a run of COUNT ticks once the recorder listens."""
     names = ('odom', 'cmd_actuators', 'episode')
     publishers = {
         name: node.create_publisher(TOPICS[name].type, name, offered_qos(TOPICS[name], lock_step=True))
         for name in names
     }
+    heard: list[int] = []
+
+    def hear(message) -> None:
+        heard.extend(int(messages.read_values(status)['publishers']) for status in message.status)
+
+    listener = node.create_subscription(TOPICS['diagnostics'].type, 'diagnostics', hear, 10)
     limit_s = time.monotonic() + 20.0
-    while not all(publisher.get_subscription_count() for publisher in publishers.values()):
+    while len(names) not in heard:
         assert time.monotonic() < limit_s, 'the recorder does not listen'
+        executor.spin_once(timeout_sec=1.0)
+    node.destroy_subscription(listener)
     odometry, joints = messages.new_odometry(), messages.new_joints()
     for tick in range(COUNT):
         messages.fill_odometry(odometry, tick * TICK_NS, VesselState(float(tick), 0.0, 0.0))
@@ -91,7 +103,7 @@ def test_what_is_published_is_recorded(tmp_path, driver, number):
     process = start(
         tmp_path, driver.domain, run_file=str(tmp_path / 'run.json'), chart=str(tmp_path / 'mine.geojson')
     )
-    publish(driver.node)
+    publish(driver.node, driver.executor)
     process.send_signal(number)
     assert process.wait(timeout=20.0) == 0, process.communicate()[1]
     bag = read_bag(tmp_path)
@@ -106,7 +118,7 @@ def test_what_is_published_is_recorded(tmp_path, driver, number):
 @pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])
 def test_a_killed_recorder_leaves_a_readable_bag(tmp_path, driver, storage):
     process = start(tmp_path, driver.domain, storage=storage, lock_step=False)
-    publish(driver.node)
+    publish(driver.node, driver.executor)
     limit_s = time.monotonic() + 20.0
     while sum(file.stat().st_size for file in (tmp_path / 'bag').iterdir()) < 100_000:
         assert time.monotonic() < limit_s, 'nothing is written'
