@@ -1,0 +1,111 @@
+"""The Gymnasium environments."""
+
+import dataclasses
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+import portnav_ros.task.env
+from portnav_ros.sim.scenario import ScenarioError
+from portnav_ros.sim.scenario_files import load_scenario
+from portnav_ros.task.env import PortVectorEnv
+from portnav_ros.types import Outcome
+
+STRAIGHT = 14  # heading kept, 5 m/s
+
+
+def vector(count=3, **options):
+    return PortVectorEnv(count, 'easy', ports=2, **options)
+
+
+def test_environment_passes_the_checker():
+    env = gymnasium.make('portnav_ros/Port-v0', difficulty='easy', ports=1)
+    check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_make_vec_gives_the_batched_world():
+    envs = gymnasium.make_vec('portnav_ros/Port-v0', num_envs=4, difficulty='easy', ports=1)
+    features, _ = envs.reset(seed=1)
+    assert isinstance(envs.unwrapped, PortVectorEnv)
+    assert features.shape == (4, envs.single_observation_space.shape[0])
+
+
+def test_same_seed_same_episode():
+    first, second = vector(), vector()
+    first.reset(seed=7)
+    second.reset(seed=7)
+    for _ in range(50):
+        a, b = first.step(np.full(3, STRAIGHT)), second.step(np.full(3, STRAIGHT))
+        np.testing.assert_array_equal(a[0], b[0])
+        np.testing.assert_array_equal(a[1], b[1])
+
+
+def test_rows_do_not_depend_on_the_batch():
+    alone, together = vector(1), vector(3)
+    alone.reset(seed=5)
+    together.reset(seed=[3, 4, 5])
+    for _ in range(30):
+        a, b = alone.step(np.full(1, STRAIGHT)), together.step(np.full(3, STRAIGHT))
+        np.testing.assert_array_equal(a[0][0], b[0][2])
+
+
+def run_until_an_end(env, limit=2000):
+    env.reset(seed=0)
+    for _ in range(limit):
+        result = env.step(np.full(env.num_envs, STRAIGHT))
+        if (result[2] | result[3]).any():
+            return result
+    raise AssertionError('no episode ended')
+
+
+def test_collision_is_terminated_and_followed_by_a_new_episode_in_the_same_step():
+    env = vector()
+    features, reward, terminated, truncated, infos = run_until_an_end(env)
+    b = int(np.flatnonzero(terminated)[0])
+    assert not truncated[b]
+    assert reward[b] == pytest.approx(infos['reward_terms'][b].sum())
+    assert Outcome(infos['outcome'][b]).collision == (reward[b] < -900.0)
+    assert infos['_final_obs'][b]
+    assert not np.array_equal(infos['final_obs'][b], features[b])
+    assert env.world.outcome[b] == Outcome.RUNNING
+    assert env.world.time_s[b] == 0.0
+
+
+def test_time_limit_is_truncated_not_terminated():
+    short = dataclasses.replace(load_scenario('no_traffic'), time_limit_s=20.0)
+    env = PortVectorEnv(1, source=lambda _: short)
+    env.reset()
+    results = [env.step(np.array([STRAIGHT])) for _ in range(20)]
+    assert [bool(result[3][0]) for result in results] == [False] * 19 + [True]
+    assert not any(result[2][0] for result in results)
+    assert results[-1][4]['outcome'][0] == Outcome.TIMEOUT
+    assert results[-1][1][0] > -100.0
+
+
+def test_without_autoreset_an_ended_vessel_waits_for_its_mask():
+    env = vector(2, autoreset_mode=AutoresetMode.DISABLED)
+    _, _, terminated, truncated, _ = run_until_an_end(env)
+    ended = terminated | truncated
+    before = env.world.own.copy()
+    env.reset(options={'reset_mask': ended})
+    assert (env.world.outcome == Outcome.RUNNING).all()
+    np.testing.assert_array_equal(env.world.own[~ended], before[~ended])
+
+
+def test_an_action_out_of_range_is_refused():
+    env = vector(1)
+    env.reset(seed=0)
+    with pytest.raises(gymnasium.error.InvalidAction):
+        env.step(np.array([27]))
+
+
+def test_a_scenario_without_a_path_is_refused():
+    with pytest.raises(ScenarioError, match='path'):
+        PortVectorEnv(1, source=lambda _: dataclasses.replace(load_scenario('no_traffic'), path=None))
+
+
+def test_module_registers_the_environment():
+    assert portnav_ros.task.env.gymnasium.spec('portnav_ros/Port-v0').vector_entry_point is not None
