@@ -6,6 +6,7 @@ import argparse
 import resource
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ from numba import njit
 from tqdm import tqdm
 
 from portnav_ros.sim.world import World
+from portnav_ros.task.actions import setpoints_of
 from portnav_ros.task.env import PortVectorEnv
-from portnav_ros.types import Array, Array32, IntArray
+from portnav_ros.types import Array, Array32, IntArray, Outcome
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +37,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     env.step(actions[0])
     cpu_s, wall_s, ended = _drive(env, actions)
     steps = arguments.steps * arguments.batch
-    shares = _shares(env, cpu_s / arguments.steps)
+    shares = _shares(env, actions[: len(actions) // 2])
     return {
         'difficulty': arguments.difficulty,
         'batch': arguments.batch,
@@ -75,22 +77,28 @@ def _cpu_s(function: Callable[[], object], repeats: int = 50) -> float:
     return float(np.median(samples))
 
 
-def _shares(env: PortVectorEnv, step_cpu_s: float) -> dict[str, float]:
-    """Share of one environment step by part, measured apart on running environments."""
-    world = env.world
-    setpoint = world.setpoint.copy()
-    env.reset(seed=1)
-    scan = _cpu_s(world.sense)
-    step = _cpu_s(lambda: world.step(setpoint), 20)
-    env.reset(seed=2)
-    observe = _cpu_s(env.observe)
-    return {
-        'scan_us': 1e6 * scan / world.batch,
-        'share_scan': scan / step_cpu_s,
-        'share_motion': max(step - scan, 0.0) / step_cpu_s,
-        'share_observation': observe / step_cpu_s,
-        'share_rest': max(1.0 - (step + observe) / step_cpu_s, 0.0),
-    }
+def _shares(env: PortVectorEnv, actions: IntArray) -> dict[str, float]:
+    """CPU time of a step by part, each part timed where it runs in the loop."""
+    world, table = env.world, env.task.actions.table()
+    spent = dict.fromkeys(('motion_and_scan', 'scan', 'observation', 'reset'), 0.0)
+
+    def timed(part: str, function: Callable[[], object]) -> None:
+        start = time.process_time()
+        function()
+        spent[part] += time.process_time() - start
+
+    for row in actions:
+        setpoints = setpoints_of(row, world.own, table)
+        timed('motion_and_scan', partial(world.step, setpoints))
+        timed('scan', world.sense)
+        timed('observation', env.observe)
+        ended = world.outcome != Outcome.RUNNING
+        if ended.any():
+            timed('reset', partial(env.reset, options={'reset_mask': ended}))
+    spent['motion'] = spent.pop('motion_and_scan') - spent['scan']
+    total = sum(spent.values())
+    scan = {'scan_us': 1e6 * spent['scan'] / actions.size}
+    return scan | {f'share_{part}': value / total for part, value in spent.items()}
 
 
 def _ratio_brute_force(world: World) -> float:
