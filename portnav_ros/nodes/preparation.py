@@ -178,7 +178,11 @@ def _parameters(options: GraphOptions, configuration: Configuration, out: Path) 
     }
     own: Configuration = {
         'sim': {**world, 'rate': options.rate},
-        'global_planner': {'chart': str((out / bag_episode.CHART).resolve())},
+        'global_planner': {
+            'chart': str((out / bag_episode.CHART).resolve()),
+            'seed': options.seed,
+            'hull_clearance_m': load_difficulty(options.difficulty).path.least_m,
+        },
         'bag_recorder': {
             'bag': str((out / BAG).resolve()),
             'storage': options.storage,

@@ -1,0 +1,138 @@
+"""How a graph ends, told by exit codes and messages: small scripts stand in for the nodes."""
+
+import argparse
+import os
+import signal
+import sys
+
+import pytest
+
+from portnav_ros.nodes import bringup
+from portnav_ros.nodes.bringup import Exit, add_arguments, options_from, sail
+from portnav_ros.nodes.domain_lock import DomainBusyError, hold_domain
+from portnav_ros.nodes.preparation import GraphOptions
+from portnav_ros.nodes.process import Command
+from portnav_ros.nodes.table import OnDeath
+from portnav_ros.params import ParamError
+from portnav_ros.types import Outcome
+
+READY = """
+import os, signal, sys, time
+from portnav_ros.nodes.status_pipe import report, report_ready
+signal.signal(signal.SIGINT, lambda *_: sys.exit(0))
+report_ready()
+"""
+WAIT = READY + 'signal.pause()'
+SAIL = READY + 'report(time_s=1.0, distance_m=9.0)\nreport(time_s=2.0, outcome={!r})\nsignal.pause()'
+OPTIONS = GraphOptions(mode='lock_step')
+
+
+@pytest.fixture
+def start(monkeypatch, tmp_path):
+    """Sail with scripts in the place of nodes."""
+    monkeypatch.setenv('XDG_RUNTIME_DIR', str(tmp_path))
+    monkeypatch.setenv('ROS_DOMAIN_ID', '60')
+    monkeypatch.setattr(bringup, 'load', lambda options: None)
+
+    def sail_scripts(said=None, **scripts: str):
+        commands = tuple(
+            Command(
+                name,
+                (sys.executable, '-c', script),
+                tmp_path / 'log' / f'{name}.log',
+                on_death=OnDeath.GO_ON if name == 'bag_recorder' else OnDeath.END,
+                finishes=name == 'sim',
+                stops_last=name == 'bag_recorder',
+            )
+            for name, script in scripts.items()
+        )
+        monkeypatch.setattr(bringup, 'prepare', lambda *_: commands)
+        said = [] if said is None else said
+        return sail(OPTIONS, {}, tmp_path, said.append, said.append)
+
+    return sail_scripts
+
+
+@pytest.mark.parametrize(
+    ('outcome', 'code'),
+    [
+        ('SUCCESS', Exit.SUCCESS),
+        ('COLLISION_BUOY', Exit.COLLISION),
+        ('COLLISION_VESSEL', Exit.COLLISION),
+        ('TIMEOUT', Exit.TIMEOUT),
+    ],
+)
+def test_the_exit_code_tells_the_outcome(start, outcome, code):
+    said: list = []
+    result = start(said, sim=SAIL.format(outcome), pid_controller=WAIT)
+    assert (result.code, result.outcome.name, result.time_s) == (code, outcome, 2.0)
+    assert result.wall_s > 0.0
+    assert {'time_s': 1.0, 'distance_m': 9.0} in [report.values for report in said]
+
+
+def test_a_sim_that_ends_in_good_order_ends_the_graph(start):
+    result = start(sim=READY, pid_controller=WAIT)
+    assert (result.code, result.outcome) == (Exit.SUCCESS, Outcome.RUNNING)
+
+
+def test_a_planner_that_dies_ends_the_graph_with_its_last_words(start):
+    dying = READY + 'print("no path left", flush=True)\nos._exit(3)'
+    result = start(sim=WAIT, dwa_planner=dying)
+    assert result.code == Exit.NODE_DIED
+    assert 'dwa_planner ended with code 3' in result.message
+    assert 'no path left' in result.message
+
+
+def test_a_node_that_refuses_its_parameters_is_quoted(start):
+    result = start(sim=WAIT, dwa_planner='raise SystemExit("error: unknown key")')
+    assert result.code == Exit.NODE_DIED
+    assert 'while starting' in result.message
+    assert 'error: unknown key' in result.message
+
+
+def test_a_recorder_that_fails_is_told_and_the_rest_sails_on(start):
+    said: list = []
+    failing = READY + 'report(failure="no space left")\nos._exit(1)'
+    slow = READY + 'time.sleep(0.5)\nreport(outcome="SUCCESS")\nsignal.pause()'
+    assert start(said, sim=slow, bag_recorder=failing).code == Exit.SUCCESS
+    lines = [line for line in said if isinstance(line, str)]
+    assert 'bag_recorder: no space left' in lines
+    assert any('the rest runs on' in line for line in lines)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('phase', ['starting', 'sailing'])
+def test_a_signal_ends_every_phase(start, number, phase):
+    begin = READY if phase == 'sailing' else 'import os, signal\n'
+    result = start(sim=f'{begin}os.kill(os.getppid(), {int(number)})\nsignal.pause()')
+    assert result.code == 128 + number
+    assert number.name in result.message
+
+
+def test_a_second_graph_on_the_domain_is_refused(start, tmp_path):
+    held = hold_domain(60, '', tmp_path / 'portnav')
+    with pytest.raises(DomainBusyError, match='ROS domain 60'):
+        start(sim=WAIT)
+    os.close(held)
+    assert start(sim=SAIL.format('SUCCESS')).code == Exit.SUCCESS
+
+
+def parse(*words: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    return parser.parse_args(words)
+
+
+def test_the_command_line_goes_before_the_configuration(tmp_path):
+    file = tmp_path / 'mine.yaml'
+    file.write_text('bringup: {seed: 5, planner: line_of_sight}')
+    options, _ = options_from(parse('--config', str(file), '--rate', '4', '--planner', 'dwa'), {'seed': 1})
+    assert (options.seed, options.planner, options.mode, options.rate) == (5, 'dwa', 'real_time', 4.0)
+    assert options_from(parse('--lock-step'), {})[0].lock_step
+
+
+def test_an_unknown_key_of_the_configuration_is_refused(tmp_path):
+    file = tmp_path / 'mine.yaml'
+    file.write_text('bringup: {sed: 5}')
+    with pytest.raises(ParamError, match=r"mine\.yaml: bringup: unknown key 'sed'; did you mean 'seed'"):
+        options_from(parse('--config', str(file)), {})
