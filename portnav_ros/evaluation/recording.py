@@ -19,12 +19,17 @@ END_NS = 1 << 62
 
 
 class RecordedTopic(NamedTuple):
-    """A topic of the bag: resolved name, type and what its publisher offers."""
+    """A topic of the bag: resolved name, type and what its publisher offers.
+
+    answer: its messages answer those of the first topic. Whether the last answer still came is chance,
+    so a bag ends without it.
+    """
 
     name: str
     message_type: str
     depth: int
     latched: bool
+    answer: bool = False
 
 
 class Filed(NamedTuple):
@@ -58,8 +63,8 @@ class Recording:
 
     The first topic keeps the time. A message that is stamped more than AHEAD_NS later than its newest
     is filed under that newest, so that one message from another clock cannot spoil the order. A disk
-    that refuses ends the recording, not the caller: see ``failure``. A message that repeats the topic's
-    last one to the letter is left out: a sim that waits repeats itself as long as the wait takes.
+    that refuses ends the recording, not the caller: see ``failure``. A message that repeats one of the
+    same topic and stamp to the letter is left out: a sim that waits for an answer sends again.
 
     Args:
         path: folder of the bag, which must not exist yet.
@@ -82,20 +87,20 @@ class Recording:
     ) -> None:
         self.failure = ''  # why the recording has ended early; what was filed before stays readable
         self.written = 0
-        self._types = [topic.message_type for topic in topics]
+        self._topics = topics
         self._order = StampOrder()
         self._margin_ns = margin_ns
         self._newest_ns = 0
         self._checkpoint_ns = CHECKPOINT_NS
-        self._last = [(-1, b'')] * len(topics)
+        self._seen: list[tuple[int, set[bytes]]] = [(-1, set())] * len(topics)
         self._bag = BagWriter(path, storage, metadata)
         for topic in topics:
-            self._bag.add_topic(*topic)
+            self._bag.add_topic(topic.name, topic.message_type, topic.depth, topic.latched)
         self._bag.checkpoint()
 
     def push(self, topic: int, data: bytes) -> None:
         """Take in a serialised message."""
-        stamp = stamp_ns(self._types[topic], data)
+        stamp = stamp_ns(self._topics[topic].message_type, data)
         if topic == 0:
             self._newest_ns = max(self._newest_ns, stamp)
         elif stamp > self._newest_ns + AHEAD_NS:
@@ -117,21 +122,30 @@ class Recording:
 
     def _file(self, before_ns: int) -> None:
         for item in self._order.release(before_ns):
-            if self.failure:
+            if self.failure or self._is_superfluous(item):
                 continue
             try:
                 self._write(item)
             except BagError as error:
                 self._fail(error)
 
+    def _is_superfluous(self, item: Filed) -> bool:
+        if self._topics[item.topic].answer and item.stamp_ns >= self._newest_ns:
+            return True
+        stamp, seen = self._seen[item.topic]
+        if stamp != item.stamp_ns:
+            self._seen[item.topic] = item.stamp_ns, {item.data}
+            return False
+        repeated = item.data in seen
+        seen.add(item.data)
+        return repeated
+
     def _write(self, item: Filed) -> None:
         if item.stamp_ns >= self._checkpoint_ns:
             self._bag.checkpoint()
             self._checkpoint_ns = (item.stamp_ns // CHECKPOINT_NS + 1) * CHECKPOINT_NS
-        if self._last[item.topic] != (item.stamp_ns, item.data):
-            self._last[item.topic] = item.stamp_ns, item.data
-            self._bag.write(item.topic, item.stamp_ns, item.data)
-            self.written += 1
+        self._bag.write(item.topic, item.stamp_ns, item.data)
+        self.written += 1
 
     def _fail(self, error: BagError) -> None:
         self.failure = str(error)

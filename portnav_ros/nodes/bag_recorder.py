@@ -23,6 +23,7 @@ from portnav_ros.nodes.runtime import Health, PortNode, run_node
 from portnav_ros.nodes.topics import TOPICS, Topic, asked_qos
 from portnav_ros.params import ParamError
 
+ANSWERS = ('cmd_actuators', 'setpoint', 'setpoint_raw', 'navigation_state')
 POLL_S = 0.01  # queues are emptied in bulk, which costs half of waking up for each message
 QUEUE_DEPTH = 5000
 MARGIN_NS = 2_000_000_000
@@ -125,7 +126,9 @@ class BagRecorder(PortNode[RecorderParams]):
 def _recorded(topic: Topic, queue: Subscription) -> RecordedTopic:
     package = topic.type.__module__.partition('.')[0]
     message_type = f'{package}/msg/{topic.type.__name__}'
-    return RecordedTopic(queue.topic_name, message_type, topic.depth, topic.latched)
+    return RecordedTopic(
+        queue.topic_name, message_type, topic.depth, topic.latched, answer=topic.name in ANSWERS
+    )
 
 
 def _read_metadata(file: str) -> dict[str, str]:

@@ -91,11 +91,23 @@ def test_a_message_from_another_clock_does_not_spoil_the_order(tmp_path):
 
 
 def test_a_repeated_message_is_recorded_once(tmp_path):
-    messages = [(0, pose(0, 1.0)), (1, pose(0, 1.0)), (0, pose(0, 1.0)), (0, pose(0, 2.0)), (0, pose(1, 2.0))]
+    messages = [(0, pose(0, 1.0)), (1, pose(0, 1.0)), (0, pose(0, 2.0)), (0, pose(0, 1.0)), (0, pose(1, 2.0))]
     record(tmp_path / 'bag', messages)
     bag = read_bag(tmp_path)
     assert [message.pose.position.x for _, message in bag.messages['/time']] == [1.0, 2.0, 2.0]
     assert len(bag.messages['/other']) == 1
+
+
+def test_the_last_answer_is_left_out_whether_it_came_or_not(tmp_path):
+    topics = (TOPICS[0], TOPICS[1]._replace(answer=True))
+    asked = [(0, pose(k * SECOND_NS)) for k in range(3)]
+    for name, answers in (('late', 2), ('in_time', 3)):
+        recording = Recording(tmp_path / name / 'bag', 'sqlite3', topics, {}, 0)
+        for topic, data in asked + [(1, data) for _, data in asked[:answers]]:
+            recording.push(topic, data)
+        recording.close()
+        bag = read_bag(tmp_path / name)
+        assert [len(bag.messages[topic.name]) for topic in topics] == [3, 2]
 
 
 def test_a_disk_that_refuses_ends_the_recording_only(tmp_path, monkeypatch):
