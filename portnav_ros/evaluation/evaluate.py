@@ -23,7 +23,7 @@ from portnav_ros.types import Outcome
 
 EXIT_INTERRUPTED = 130
 RUNNERS = {'process': 'evaluation.workers', 'ros': 'nodes.evaluate_ros'}
-Runner = Callable[[Trial, Sequence[int], int, int], Iterator[EpisodeResult]]
+Runner = Callable[[Trial, Sequence[int], int, int, bool], Iterator[EpisodeResult]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('--batch', type=int, default=16, metavar='B', help='episodes at once in a process')
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the figures')
+    parser.add_argument('--report', type=Path, metavar='FILE', help='write a page with a gallery of failures')
     parser.add_argument('--episodes-csv', type=Path, metavar='FILE', help='write a row for each episode')
 
 
@@ -59,6 +60,11 @@ def run(arguments: argparse.Namespace) -> int:
         figures['against'] = _compare(sailed, replace(trial, planner=arguments.against), arguments)
     if arguments.json:
         write_json(arguments.json, figures)
+    if arguments.report:
+        from portnav_ros.evaluation.overview import write_overview  # matplotlib loads slowly
+
+        failures = [result.log for result in sailed.episodes if result.log is not None]
+        write_overview(arguments.report, figures, failures)
     if arguments.episodes_csv:
         write_csv(arguments.episodes_csv, sailed.episodes)
     return 0 if sailed.complete else EXIT_INTERRUPTED
@@ -77,11 +83,13 @@ def _sail(trial: Trial, arguments: argparse.Namespace) -> Sailed:
     module = importlib.import_module(f'portnav_ros.{RUNNERS[arguments.through]}')
     run_trial: Runner = module.run_trial
     episodes: list[EpisodeResult] = []
+    keep = arguments.report is not None
     complete, start = True, time.perf_counter()
     try:
         with tqdm(total=len(seeds), desc=trial.planner, unit='episode') as bar:
-            for result in run_trial(trial, seeds, arguments.batch, arguments.workers):
-                episodes.append(result)
+            for result in run_trial(trial, seeds, arguments.batch, arguments.workers, keep):
+                won = result.outcome == Outcome.SUCCESS
+                episodes.append(result._replace(log=None) if won else result)
                 share = np.mean([done.outcome == Outcome.SUCCESS for done in episodes])
                 bar.set_postfix_str(f'success {share:.1%}', refresh=False)
                 bar.update()

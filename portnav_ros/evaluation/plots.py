@@ -50,6 +50,14 @@ SENTENCES = {
     Outcome.TIMEOUT: 'ran out of time',
 }
 
+ENDING_COLOURS = {
+    Outcome.SUCCESS: GOAL,
+    Outcome.COLLISION_QUAY: '#56697a',
+    Outcome.COLLISION_BUOY: '#e69f00',
+    Outcome.COLLISION_VESSEL: DANGER,
+    Outcome.TIMEOUT: '#a7b0b8',
+}
+
 
 def outcome_colour(outcome: Outcome) -> str:
     """Green for success, red for a collision, grey otherwise."""

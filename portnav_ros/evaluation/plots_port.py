@@ -25,6 +25,7 @@ from portnav_ros.types import SURGE, YAW, Array, X, Y
 Box = tuple[float, float, float, float]
 
 WIDTH_IN = 10.0
+THUMBNAIL_IN = 4.5
 HULLS_SHOWN = 14
 LABELS_APART = 0.06  # of the picture's width
 ZOOM_M = 40.0
@@ -46,6 +47,16 @@ def port_figure(log: EpisodeLog) -> Figure:
         draw_port(main, log, box)
         _legend(main, log)
         _speed_bar(main, log)
+    return figure
+
+
+def thumbnail_figure(log: EpisodeLog) -> Figure:
+    """Draw the episode small, without legends."""
+    box = view_box(log)
+    aspect = (box[3] - box[1]) / (box[2] - box[0])
+    figure = plots.new_figure(THUMBNAIL_IN, min(THUMBNAIL_IN * aspect, 1.2 * THUMBNAIL_IN))
+    with plots.styled():
+        draw_port(figure.subplots(), log, box)
     return figure
 
 
@@ -169,7 +180,7 @@ def _mark_outcome(axes: Axes, log: EpisodeLog) -> None:
 
 
 def _label_times(axes: Axes, log: EpisodeLog, times: Array, box: Box) -> None:
-    apart = LABELS_APART * (box[2] - box[0])
+    apart = LABELS_APART * (box[2] - box[0]) * WIDTH_IN * axes.figure.dpi / axes.figure.bbox.width
     last = log.own[0, [X, Y]]
     for row in _rows_at(log, times[1:-1]):
         x, y, yaw = log.own[row, [X, Y, YAW]]

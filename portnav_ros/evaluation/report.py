@@ -17,7 +17,7 @@ from portnav_ros.evaluation import plots
 from portnav_ros.evaluation.bag_episode import read_episode
 from portnav_ros.evaluation.episode_log import EpisodeLog
 from portnav_ros.evaluation.hull_clearance import with_clearance
-from portnav_ros.evaluation.metrics.table import METRICS, Metric, measure
+from portnav_ros.evaluation.metrics.table import METRICS, measure
 from portnav_ros.evaluation.plots_port import port_figure
 from portnav_ros.evaluation.plots_series import series_figure
 from portnav_ros.evaluation.replay import replay_data
@@ -126,7 +126,7 @@ def _page(log: EpisodeLog, drawn: EpisodeLog, values: dict[str, float], port: st
         sentence=escape(text),
         facts=escape(_facts(log)),
         warning=_warning(log),
-        figures='\n'.join(_figure(metric, values[metric.key]) for metric in METRICS),
+        figures='\n'.join(_cards(values)),
         port=port,
         series=series,
         command=escape(rerun_command(log)),
@@ -162,14 +162,8 @@ def _warning(log: EpisodeLog) -> str:
     return f'<p class="warning">The recording is damaged: {escape(lost)}.</p>' if lost else ''
 
 
-def _figure(metric: Metric, value: float) -> str:
-    if math.isnan(value):
-        return ''
-    shown, unit = metric.text(value)
-    return (
-        f'<div class="figure"><span class="label">{escape(metric.label)}</span>'
-        f'<span class="value">{shown}</span> <span class="unit">{escape(unit)}</span></div>'
-    )
+def _cards(values: dict[str, float]) -> list[str]:
+    return [metric.card(values[metric.key]) for metric in METRICS if not math.isnan(values[metric.key])]
 
 
 def _row(item: tuple[str, str]) -> str:

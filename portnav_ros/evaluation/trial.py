@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -16,6 +17,7 @@ from portnav_ros.harbour import Harbour
 from portnav_ros.sim.difficulty import Difficulty, load_difficulty
 from portnav_ros.sim.generator import chart_scenario, make_scenario
 from portnav_ros.sim.scenario import Scenario
+from portnav_ros.sim.scenario_files import load_scenario
 from portnav_ros.task.policy import Policy
 from portnav_ros.types import Outcome
 
@@ -63,8 +65,6 @@ class Trial:
     def make_scenario(self, seed: int) -> Scenario:
         """Make the scenario of a world seed, with its path."""
         if self.scenario is not None:
-            from portnav_ros.sim.generator import load_scenario
-
             return load_scenario(self.scenario, seed)
         if self._harbour is not None:
             return chart_scenario(self._harbour, self._difficulty, seed)
@@ -90,5 +90,8 @@ class EpisodeResult(NamedTuple):
 
 def judge(log: EpisodeLog, trial: Trial, keep_log: bool) -> EpisodeResult:
     """Measure a finished episode."""
-    named = replace(log, planner=trial.planner, difficulty=trial.difficulty) if keep_log else None
-    return EpisodeResult(log.seed, log.outcome, measure(log), named)
+    kept = None
+    if keep_log:
+        metadata = {'options': json.dumps(asdict(trial), default=str), **log.metadata}
+        kept = replace(log, planner=trial.planner, difficulty=trial.difficulty, metadata=metadata)
+    return EpisodeResult(log.seed, log.outcome, measure(log), kept)

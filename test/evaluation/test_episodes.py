@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from portnav_ros.evaluation.episode_log import EpisodeLog
 from portnav_ros.evaluation.episodes import sail
+from portnav_ros.evaluation.hull_clearance import with_clearance
 from portnav_ros.evaluation.planners import PLANNERS, EvaluationError, make_planner
 from portnav_ros.evaluation.trial import SEEDS_PER_SPLIT, SPLITS, Trial, judge, split_seeds
 from portnav_ros.evaluation.workers import run_trial
@@ -54,6 +57,14 @@ def test_a_log_has_a_row_for_each_decision_and_one_for_the_end(logs):
         assert 0.0 < log.time_s[-1] - log.time_s[-2] <= DECISION_S
         assert len(log.latency_s) == len(log) - 1
         assert log.clearance.min() >= 0.0
+
+
+def test_the_worlds_clearances_are_those_of_the_polygons(logs):
+    world = np.vstack([log.clearance for log in logs.values()])
+    exact = np.vstack([with_clearance(replace(log, clearance=None)).clearance for log in logs.values()])
+    near = exact < 50.0
+    assert near.sum() > 100
+    np.testing.assert_allclose(world[near], exact[near], atol=1e-9)
 
 
 def test_workers_change_nothing(logs):

@@ -50,16 +50,16 @@ def fake_result(trial: Trial, seed: int) -> EpisodeResult:
 
 @pytest.fixture
 def fake_runner(monkeypatch):
-    def run_trial(trial: Trial, seeds: Sequence[int], batch: int, workers: int) -> Iterator[EpisodeResult]:
+    def run_trial(trial: Trial, seeds: Sequence[int], *_: object) -> Iterator[EpisodeResult]:
         return (fake_result(trial, seed) for seed in reversed(seeds))
 
     monkeypatch.setattr(workers, 'run_trial', run_trial)
 
 
 def test_real_episodes_end_in_json_and_csv(tmp_path, capsys):
-    figures, rows = tmp_path / 'out' / 'figures.json', tmp_path / 'rows.csv'
+    figures, rows, page = tmp_path / 'out' / 'figures.json', tmp_path / 'rows.csv', tmp_path / 'page.html'
     words = '--planner line_of_sight --difficulty easy --episodes 2 --seed 40 --workers 1 --split training'
-    code = evaluate.run(arguments(f'{words} --json {figures} --episodes-csv {rows}'))
+    code = evaluate.run(arguments(f'{words} --json {figures} --episodes-csv {rows} --report {page}'))
     assert code == 0
     values = json.loads(figures.read_text())
     assert set(values) >= KEYS
@@ -69,6 +69,8 @@ def test_real_episodes_end_in_json_and_csv(tmp_path, capsys):
         table = list(csv.DictReader(file))
     assert [row['seed'] for row in table] == ['40', '41']
     assert float(table[0]['length_s']) > 0.0
+    failures = sum(row['outcome'] != 'success' for row in table)
+    assert page.read_text().count('<figure>') == failures
     assert 'line_of_sight on easy: 2 episodes' in capsys.readouterr().out
 
 
@@ -92,7 +94,7 @@ def test_two_planners_are_compared_pair_by_pair(fake_runner, tmp_path, capsys):
 
 
 def test_an_interrupted_evaluation_keeps_what_is_done(monkeypatch, tmp_path, capsys):
-    def run_trial(trial: Trial, seeds: Sequence[int], batch: int, workers: int) -> Iterator[EpisodeResult]:
+    def run_trial(trial: Trial, seeds: Sequence[int], *_: object) -> Iterator[EpisodeResult]:
         yield fake_result(trial, seeds[0])
         yield fake_result(trial, seeds[1])
         raise KeyboardInterrupt
@@ -107,7 +109,7 @@ def test_an_interrupted_evaluation_keeps_what_is_done(monkeypatch, tmp_path, cap
 
 
 def test_unknown_figures_become_null(fake_runner, monkeypatch, tmp_path):
-    def run_trial(trial: Trial, seeds: Sequence[int], batch: int, workers: int) -> Iterator[EpisodeResult]:
+    def run_trial(trial: Trial, seeds: Sequence[int], *_: object) -> Iterator[EpisodeResult]:
         yield EpisodeResult(
             seeds[0], Outcome.TIMEOUT, {metric.key: float('nan') for metric in METRICS} | {'length_s': 900.0}
         )

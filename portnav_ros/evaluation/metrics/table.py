@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from html import escape
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -40,6 +41,14 @@ class Metric(NamedTuple):
         if self.unit == 's' and abs(value) < SHORT_S:
             return f'{1e3 * value:.3g}', 'ms'
         return f'{value:.4g}', self.unit
+
+    def card(self, value: float) -> str:
+        """HTML of the figure on a page."""
+        shown, unit = self.text(value)
+        return (
+            f'<div class="figure"><span class="label">{escape(self.label)}</span>'
+            f'<span class="value">{shown}</span> <span class="unit">{escape(unit)}</span></div>'
+        )
 
 
 METRICS = (
