@@ -15,10 +15,11 @@ from typing import Literal
 
 import numpy as np
 import shapely
+from scipy.ndimage import label
 from shapely.geometry import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from portnav_ros.harbour import MAX_CELLS, ChartError, ChartWarning, ClearanceGrid, Harbour
+from portnav_ros.harbour import MAX_CELLS, MAX_WALLS, ChartError, ChartWarning, ClearanceGrid, Harbour
 from portnav_ros.params import ParamError, check_range, override, read_yaml
 from portnav_ros.types import Array, BoolArray, IntArray
 
@@ -82,9 +83,9 @@ def read_nav2_map(path: str | Path) -> Harbour:
     if not free.any():
         raise ChartError(f'{image}: no cell is free; check negate and free_thresh in {path}')
     x0, y0, _ = params.origin
-    water = _drop_pools(_trace(free), path)
+    cells = _trace(free, path)
     size = params.resolution
-    water = shapely.transform(water, lambda cells: cells * size + np.array([x0, y0]))
+    water = shapely.transform(cells, lambda points: points * size + np.array([x0, y0]))
     try:
         return Harbour(path.stem, water)
     except ChartError as error:
@@ -171,15 +172,21 @@ def _read_params(path: Path) -> Nav2MapParams:
         raise ChartError(str(error)) from None
 
 
-def _trace(free: BoolArray) -> BaseGeometry:
+def _trace(free: BoolArray, path: Path) -> Polygon | MultiPolygon:
     """The free cells [H, W] as an area in cells, with the stairs of oblique quays made straight."""
-    boxes = [shapely.box(first, row, last, row + 1) for row, first, last in _runs(free)]
-    stairs = shapely.union_all(boxes).simplify(0.0)
+    pieces = max(label(~free, structure=np.ones((3, 3)))[1], label(free)[1])
+    if 3 * pieces > MAX_WALLS:
+        raise ChartError(
+            f'{path}: {pieces} separate obstacles or pools, at most {MAX_WALLS // 3} can be sensed; '
+            'clean the image of specks, as with: convert map.pgm -median 2 clean.pgm'
+        )
+    stairs = shapely.union_all([shapely.box(first, row, last, row + 1) for row, first, last in _runs(free)])
     parts = [
         Polygon(_cut_stairs(part.exterior), [_cut_stairs(ring) for ring in part.interiors])
-        for part in shapely.get_parts(stairs)
+        for part in _drop_pools(stairs.simplify(0.0), path)
     ]
-    return shapely.union_all(parts).simplify(STRAIGHTEN_CELLS, preserve_topology=True)
+    area: Polygon | MultiPolygon = shapely.union_all(parts).simplify(STRAIGHTEN_CELLS)
+    return area
 
 
 def _cut_stairs(ring: BaseGeometry) -> Array:
@@ -201,8 +208,8 @@ def _runs(free: BoolArray) -> IntArray:
     return np.column_stack([rows, first, last])
 
 
-def _drop_pools(water: BaseGeometry, path: Path) -> Polygon | MultiPolygon:
-    parts = [part for part in shapely.get_parts(water) if isinstance(part, Polygon)]
+def _drop_pools(water: BaseGeometry, path: Path) -> list[Polygon]:
+    parts = shapely.get_parts(water)
     kept = [part for part in parts if part.area >= POOL_CELLS_MIN]
     if not kept:
         raise ChartError(f'{path}: no free area of at least {POOL_CELLS_MIN} cells')
@@ -210,9 +217,9 @@ def _drop_pools(water: BaseGeometry, path: Path) -> Polygon | MultiPolygon:
         warnings.warn(
             f'{path}: {len(parts) - len(kept)} pools of fewer than {POOL_CELLS_MIN} cells were taken as land',
             ChartWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
-    return kept[0] if len(kept) == 1 else MultiPolygon(kept)
+    return kept
 
 
 def _buoy_cells(grid: ClearanceGrid, buoys: Array) -> BoolArray:

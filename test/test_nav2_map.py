@@ -110,6 +110,14 @@ def test_cells_that_touch_at_a_corner_make_valid_water(tmp_path):
     assert len(harbour.water.interiors) > 10
 
 
+@pytest.mark.parametrize(('ground', 'speck'), [(FREE, OCCUPIED), (OCCUPIED, FREE)])
+def test_a_map_full_of_specks_is_refused_before_it_is_traced(tmp_path, ground, speck):
+    pixels = np.full((300, 300), ground)
+    pixels[::3, ::3] = speck
+    with pytest.raises(ChartError, match='10000 separate obstacles or pools, at most 6666'):
+        read_chart(write(tmp_path, pixels))
+
+
 @pytest.mark.parametrize(
     ('keys', 'message'),
     [
