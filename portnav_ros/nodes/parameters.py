@@ -11,8 +11,9 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 
 from portnav_ros.params import ParamError, override
+from portnav_ros.sim.difficulty import load_vessel
 
-P = TypeVar('P')
+P = TypeVar('P', bound=Any)
 
 FOREIGN = re.compile(r'use_sim_time|start_type_description_service|qos_overrides\..*')
 UNITS = {
@@ -49,10 +50,15 @@ def given_parameters(node: Node) -> dict[str, Any]:
 def declare(node: Node, defaults: P) -> P:
     """Declare every field of a dataclass, nested ones with dots, and return it with what was given.
 
+    Where a parameter ``preset`` is given, ``vessel`` starts from that vessel instead of the default.
+
     Raises:
         ParamError: an unknown parameter, a wrong type or a value out of range.
     """
-    params = override(defaults, given_parameters(node), f'{node.get_name()}: parameters')
+    given = given_parameters(node)
+    if 'preset' in given:
+        defaults = dataclasses.replace(defaults, vessel=load_vessel(str(given['preset'])))
+    params = override(defaults, given, f'{node.get_name()}: parameters')
     for name, value in _flatten(params):
         if node.has_parameter(name):
             node.undeclare_parameter(name)

@@ -21,7 +21,7 @@ from portnav_ros.evaluation import bag_episode
 from portnav_ros.evaluation.bag_writer import Storage
 from portnav_ros.evaluation.provenance import git_commit
 from portnav_ros.nodes.process import Command
-from portnav_ros.nodes.table import LOCAL_PLANNERS, NAMES, NodeSpec, OnDeath, graph
+from portnav_ros.nodes.table import LOCAL_PLANNERS, NAMES, PLANNER_SUFFIX, NodeSpec, OnDeath, graph
 from portnav_ros.params import ParamError, check_range, override, read_yaml
 from portnav_ros.resources import config_path
 from portnav_ros.sim.difficulty import load_difficulty
@@ -157,7 +157,7 @@ def prepare(
     write_geojson(scenario.harbour, out / bag_episode.CHART)
     metadata = _metadata(options, configuration, scenario)
     (out / METADATA).write_text(json.dumps(metadata, indent=1) + '\n', encoding='utf-8')
-    parameters = _parameters(options, configuration, out)
+    parameters = _parameters(options, configuration, scenario, out)
     # a wildcard, because nodes may live in a namespace
     document = {f'/**/{name}': {'ros__parameters': values} for name, values in parameters.items()}
     (out / PARAMETERS).write_text(yaml.safe_dump(document, sort_keys=False), encoding='utf-8')
@@ -169,14 +169,19 @@ def environment() -> dict[str, str]:
     return ENVIRONMENT | dict(os.environ)
 
 
-def _parameters(options: GraphOptions, configuration: Configuration, out: Path) -> Configuration:
+def _parameters(
+    options: GraphOptions, configuration: Configuration, scenario: Scenario, out: Path
+) -> Configuration:
     world = {
         'difficulty': _absolute(options.difficulty),
         'scenario': options.scenario or '',
         'chart': str(options.chart.resolve()) if options.chart else '',
         'seed': options.seed,
     }
+    sensor = {'lidar': dataclasses.asdict(scenario.lidar), 'goal_radius_m': scenario.goal_radius_m}
     own: Configuration = {
+        'pid_controller': _steering(scenario),
+        options.planner + PLANNER_SUFFIX: _steering(scenario) | sensor,
         'sim': {**world, 'rate': options.rate},
         'global_planner': {
             'chart': str((out / bag_episode.CHART).resolve()),
@@ -196,6 +201,13 @@ def _parameters(options: GraphOptions, configuration: Configuration, out: Path) 
         | own.get(spec.name, {})
         | configuration.get(spec.name, {})
         for spec in options.nodes
+    }
+
+
+def _steering(scenario: Scenario) -> dict[str, Any]:
+    return {
+        'vessel': dataclasses.asdict(scenario.vessel),
+        'autopilot': dataclasses.asdict(scenario.autopilot),
     }
 
 

@@ -1,0 +1,31 @@
+"""Local planner: follows the path by line of sight, blind to everything else."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from portnav_ros.baselines.line_of_sight import LineOfSight
+from portnav_ros.nodes.local_planner import LocalPlanner, PlannerParams
+from portnav_ros.nodes.runtime import run_node
+from portnav_ros.task.policy import Policy
+
+NAME = 'line_of_sight_planner'
+
+
+def make_policy(params: PlannerParams) -> Policy:
+    """Return the follower, which looks as far ahead as the observation does."""
+    return LineOfSight(params.observation.lookahead_m)
+
+
+def make_node(**options: Any) -> LocalPlanner:
+    """Return the node."""
+    return LocalPlanner(NAME, make_policy, **options)
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(make_node)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,249 @@
+"""The adapter from topics to a Policy: what all local planners share."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from nav_msgs.msg import Odometry, Path
+from sensor_msgs.msg import JointState, LaserScan
+
+from portnav_ros.control.autopilot import AutopilotParams
+from portnav_ros.geometry import wrap_angle
+from portnav_ros.nodes.messages import (
+    MessageError,
+    fill_setpoint,
+    nanoseconds,
+    new_setpoint,
+    read_joints,
+    read_odometry,
+    read_path,
+    read_scan,
+    read_stamp,
+    status_message,
+)
+from portnav_ros.nodes.runtime import Health, PortNode
+from portnav_ros.params import check_range
+from portnav_ros.sim.scenario import PATH_SPACING_M, LidarParams
+from portnav_ros.task.observation import ObservationParams, Observer
+from portnav_ros.task.policy import Policy
+from portnav_ros.types import RUDDER, STATE_SIZE, THRUST, YAW, Array, Setpoint, X, Y
+from portnav_ros.vessel import VesselParams
+
+WATCH_S = 0.1
+EVERYONE = np.ones(1, dtype=bool)
+
+
+@dataclass(frozen=True)
+class PlannerParams:
+    """Parameters of a local planner.
+
+    preset: vessel in config/vessels, or a YAML file; vessel.*: what differs from it. autopilot.*: gains of
+    the PID controller, which a planner may simulate. lidar.*: the sensor, whose number of rays is checked.
+    observation.*: see ObservationParams. lock_step: answer each decision with odometry, scan and actuator
+    feedback of the very same stamp. period_s: from decision to decision. age_s: of scan and odometry, past
+    which the vessel is stopped. goal_radius_m: from the end of the plan, within which it is stopped.
+    """
+
+    preset: str = 'shuttle'
+    vessel: VesselParams = field(default_factory=VesselParams)
+    autopilot: AutopilotParams = field(default_factory=AutopilotParams)
+    lidar: LidarParams = field(default_factory=LidarParams)
+    observation: ObservationParams = field(default_factory=ObservationParams)
+    lock_step: bool = False
+    period_s: float = 1.0
+    age_s: float = 0.5
+    goal_radius_m: float = 50.0
+
+    def __post_init__(self) -> None:
+        """Refuse times and distances that make no sense."""
+        check_range(self, period_s=(0.05, 60.0), age_s=(0.05, 60.0), goal_radius_m=(0.0, 1000.0))
+
+
+class LocalPlanner(PortNode[PlannerParams]):
+    """Answers each decision time with one setpoint, stamped as the odometry that it stands on.
+
+    A decision is due at each multiple of the period and with each new plan. Time is the stamp of the newest
+    odometry. What is missing or too old gives a stop setpoint on the present heading, with the reason in
+    ``navigation_state``; a stop is repeated like any other setpoint.
+    """
+
+    def __init__(self, name: str, make_policy: Callable[[PlannerParams], Policy], **options: Any) -> None:
+        super().__init__(name, PlannerParams(), **options)
+        params = self.params
+        self._period_ns, self._age_ns = nanoseconds(params.period_s), nanoseconds(params.age_s)
+        self._observer = Observer(1, params.lidar, params.observation)
+        self.get_logger().info('preparing the planner; the first start compiles kernels, up to 30 s')
+        self._policy = make_policy(params)
+        self._warm_up()
+        self._path: Array | None = None
+        self._forget()
+        self._message = new_setpoint()
+        self._setpoints = self.publisher('setpoint_raw')
+        self._states = self.publisher('navigation_state')
+        self.subscribe('plan', self._take_plan)
+        self.subscribe('odom', self._take_odometry)
+        self.subscribe('scan', self._take_scan)
+        self.subscribe('joint_states', self._take_joints)
+        self.timer(WATCH_S, self._watch)
+
+    def health(self) -> Health:
+        """Tell why the vessel is being stopped, and how long a decision takes."""
+        values = {
+            'odom_ns': self._time_ns,
+            'scan_ns': self._scan_ns,
+            'decision_ms': f'{1e3 * self._decision_s:.2f}',
+        }
+        if self._time_ns < 0:
+            return Health(DiagnosticStatus.WARN, 'no odometry yet', values)
+        if self._reason:
+            return Health(DiagnosticStatus.WARN, f'stop: {self._reason}', values)
+        return Health(values=values)
+
+    def _warm_up(self) -> None:
+        """Compile what the first decision will need."""
+        path = np.column_stack([np.arange(0.0, 500.0, PATH_SPACING_M), np.zeros(50)])
+        self._observer.reset(EVERYONE, [path])
+        ranges = np.full((1, self.params.lidar.rays), np.float32(self.params.lidar.range_max_m))
+        self._policy.act(self._observer.update(np.zeros((1, STATE_SIZE)), ranges, np.zeros((1, 2))))
+        self._policy.reset(EVERYONE)
+
+    def _forget(self) -> None:
+        """Start anew: nothing is known but the plan."""
+        self._own = np.zeros((1, STATE_SIZE))
+        self._ranges = np.zeros((1, self.params.lidar.rays), np.float32)
+        self._setpoint = np.zeros((1, 2))
+        self._time_ns = self._scan_ns = self._scan_seen_ns = self._joints_ns = -1
+        self._due_ns = 0
+        self._reason = ''
+        self._stop_yaw_rad: float | None = None
+        self._decision_s = 0.0
+        self._heard_s = time.monotonic()
+        self._begin_path()
+
+    def _begin_path(self) -> None:
+        if self._path is not None and len(self._path):
+            self._observer.reset(EVERYONE, [self._path])
+            self._policy.reset(EVERYONE)
+
+    def _take_plan(self, message: Path) -> None:
+        path = read_path(message)
+        if self._path is not None and np.array_equal(path, self._path):
+            return
+        self._path = path
+        self._begin_path()
+        self._due_ns = 0
+        self._decide_if_due()
+
+    def _take_odometry(self, message: Odometry) -> None:
+        state, time_ns = read_odometry(message), read_stamp(message.header.stamp)
+        if time_ns < self._time_ns:
+            self._forget()
+        self._own[0, :RUDDER] = state[:RUDDER]
+        self._time_ns, self._heard_s = time_ns, time.monotonic()
+        self._decide_if_due()
+
+    def _take_scan(self, message: LaserScan) -> None:
+        self._scan_seen_ns = read_stamp(message.header.stamp)
+        try:
+            ranges = read_scan(message).ranges
+            if len(ranges) != self._ranges.shape[1]:
+                raise MessageError(f'{len(ranges)} rays, expected {self._ranges.shape[1]} (lidar.rays)')
+            self._ranges[0], self._scan_ns = ranges, self._scan_seen_ns
+        finally:
+            self._decide_if_due()
+
+    def _take_joints(self, message: JointState) -> None:
+        feedback = read_joints(message)
+        self._own[0, RUDDER], self._own[0, THRUST] = feedback
+        self._joints_ns = read_stamp(message.header.stamp)
+        self._decide_if_due()
+
+    def _decide_if_due(self) -> None:
+        if self._time_ns < self._due_ns or not self._complete():
+            return
+        self._due_ns = self._time_ns - self._time_ns % self._period_ns + self._period_ns
+        self._reason = self._find_reason_to_stop()
+        if self._reason:
+            self._stop()
+        else:
+            self._sail()
+
+    def _complete(self) -> bool:
+        """Whether all that this decision needs has come, or cannot be waited for any longer."""
+        if self.lock_step:
+            same = self._time_ns == self._scan_seen_ns == self._joints_ns
+            return same and self._path is not None
+        return self._scan_seen_ns >= self._due_ns or self._time_ns - self._scan_seen_ns > self._age_ns
+
+    def _find_reason_to_stop(self) -> str:
+        if self._path is None or not len(self._path):
+            return 'no plan'
+        if self._scan_ns < 0:
+            return 'no scan yet'
+        if self._time_ns - self._scan_ns > self._age_ns:
+            return 'scan too old'
+        goal = self._path[-1] - self._own[0, [X, Y]]
+        if math.hypot(*goal) <= self.params.goal_radius_m:
+            return 'goal reached'
+        return ''
+
+    def _sail(self) -> None:
+        started_s = time.perf_counter()
+        observation = self._observer.update(self._own, self._ranges, self._setpoint)
+        setpoint = self._policy.act(observation)
+        if not np.isfinite(setpoint).all():
+            self._reason = 'the policy gave a setpoint that is not finite'
+            self._stop()
+            return
+        self._setpoint[:] = setpoint
+        self._decision_s = time.perf_counter() - started_s
+        self._stop_yaw_rad = None
+        self._publish()
+
+    def _stop(self) -> None:
+        if self._stop_yaw_rad is None:
+            self._stop_yaw_rad = wrap_angle(self._own[0, YAW])
+        self._setpoint[0] = self._stop_yaw_rad, 0.0
+        self._publish()
+
+    def _publish(self) -> None:
+        path, ahead = self._path, (float(self._own[0, X]), float(self._own[0, Y]))
+        if path is not None and len(path):
+            spacings = round(self.params.observation.lookahead_m / PATH_SPACING_M)
+            ahead = path[min(max(int(self._observer.progress[0]), 0) + spacings, len(path) - 1)]
+        fill_setpoint(self._message, self._time_ns, Setpoint(*self._setpoint[0].tolist()), ahead)
+        self._setpoints.publish(self._message)
+        self._publish_state()
+
+    def _publish_state(self) -> None:
+        values: dict[str, object] = {'stamp': self._time_ns, 'stop_reason': self._reason}
+        if self._path is not None and len(self._path):
+            e_x, e_y, e_psi = self._observer.errors[0].tolist()
+            values |= {
+                'goal': '{:.2f} {:.2f}'.format(*self._path[-1]),
+                'progress': f'{max(self._observer.progress[0], 0.0) / (len(self._path) - 1):.4f}',
+                'e_x_m': f'{e_x:.3f}',
+                'e_y_m': f'{e_y:.3f}',
+                'e_psi_rad': f'{e_psi:.4f}',
+            }
+        level = DiagnosticStatus.WARN if self._reason else DiagnosticStatus.OK
+        text = f'stop: {self._reason}' if self._reason else 'sailing'
+        self._states.publish(status_message(self.get_name(), level, text, values))
+
+    def _watch(self) -> None:
+        """Stop between decisions when a sensor has gone silent; in lock-step time itself waits."""
+        if self.lock_step or self._time_ns < 0:
+            return
+        if time.monotonic() - self._heard_s > self.params.age_s:
+            self._reason = 'odometry too old'
+        elif self._scan_ns >= 0 and self._time_ns - self._scan_ns > self._age_ns:
+            self._reason = 'scan too old'
+        else:
+            return
+        self._stop()
