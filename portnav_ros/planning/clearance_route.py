@@ -44,7 +44,7 @@ def clearance_field(grid: ClearanceGrid, goal_xy: tuple[float, float], cost: Rou
     The goal itself may lie closer to an obstacle than ``cost.least_m`` only by one cell.
     """
     slowness = _slowness(grid.distance, cost.least_m, cost.comfort_m, cost.weight)
-    field = np.full(grid.distance.shape, np.inf, np.float32)
+    field: Array32 = np.full(grid.distance.shape, np.inf, np.float32)
     row, column = _cell(grid, goal_xy[0], goal_xy[1])
     if 0 < row < field.shape[0] - 1 and 0 < column < field.shape[1] - 1:
         _seed(field, slowness, grid, goal_xy[0], goal_xy[1], row, column)
@@ -252,8 +252,8 @@ def round_off(grid: ClearanceGrid, points: Array, reach_m: float, least_m: float
     """Round the corners of a route so that a vessel can follow it.
 
     Each point becomes the mean of the route over ``reach_m`` to either side, less towards the ends,
-    so that a right angle turns into an arc of radius 1.3 reach_m. The reach is shortened until the
-    route keeps ``least_m`` of clearance or all that it had.
+    so that a right angle turns into a parabola of radius 0.7 reach_m at its tightest. The reach is
+    shortened until the route keeps ``least_m`` of clearance, or all that it had.
 
     Args:
         grid: where the water is.

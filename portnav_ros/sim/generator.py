@@ -64,7 +64,8 @@ def chart_scenario(
 ) -> Scenario:
     """Draw a mission and traffic on a given chart, between its berths or, without any, open water.
 
-    Where no two berths are as far apart as the difficulty asks, the pair nearest to that is taken.
+    Where no two berths are as far apart as the difficulty asks, the pair nearest to that is taken;
+    where the water has no room for all the traffic, there is less.
 
     Raises:
         ScenarioError: the chart has no two places between which a vessel of this size can sail.
@@ -76,7 +77,7 @@ def chart_scenario(
         site = make_site(harbour, difficulty, nodes)
         mission = draw_mission(site, difficulty, streams[1], strict=False)
         mission = _lay_path(harbour, mission, difficulty, seed, route)
-        traffic = draw_traffic(site.tracks, mission.start, difficulty.traffic, streams[2])
+        traffic = draw_traffic(site.tracks, mission.start, difficulty.traffic, streams[2], strict=False)
         return _compose(difficulty, vessel, seed, harbour, mission, traffic)
 
     return _attempt(draw, difficulty, seed)

@@ -25,7 +25,7 @@ from portnav_ros.planning.clearance_route import (
     reachable,
 )
 from portnav_ros.sim.scenario import ScenarioError
-from portnav_ros.types import Array
+from portnav_ros.types import Array, Array32
 
 Interval = tuple[float, float]
 GRID_M = 10.0  # cell of the grid on which ports are checked and routes are planned
@@ -49,12 +49,12 @@ class PortParams:
     canal_bend_rad: Interval = (-0.5, 0.5)
     basins: tuple[int, int] = (6, 8)
     basin_width_m: Interval = (260.0, 340.0)
-    basin_depth_m: Interval = (450.0, 900.0)
+    basin_depth_m: Interval = (550.0, 950.0)
     basin_skew_rad: Interval = (-0.2, 0.2)
     basin_flare_m: float = 120.0  # how much wider the mouth is on each side, cut at 45 degrees
     berths: int = 10
     berth_clearance_m: float = 80.0
-    berth_mouth_m: float = 220.0  # berths of a basin lie this far from the canal
+    berth_mouth_m: float = 320.0  # berths of a basin lie this far from the canal
     berth_spacing_m: float = 220.0
     buoys: tuple[int, int] = (4, 10)
     buoy_radius_m: float = 2.0
@@ -226,7 +226,7 @@ def draw_berths(
     return np.column_stack([np.array(berths), yaws])
 
 
-def _leaving_yaw(grid: ClearanceGrid, field: Array, berth: Array, middle: Array) -> float:
+def _leaving_yaw(grid: ClearanceGrid, field: Array32, berth: Array, middle: Array) -> float:
     route = descend(grid, field, (berth[0], berth[1]), (middle[0], middle[1]))
     ahead = route[min(10, len(route) - 1)] - route[0]
     return math.atan2(ahead[1], ahead[0])

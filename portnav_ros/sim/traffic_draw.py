@@ -17,15 +17,21 @@ LOOK_STEP_S = 5.0
 
 
 def draw_traffic(
-    tracks: Tracks, own: tuple[float, float, float], params: TrafficParams, rng: np.random.Generator
+    tracks: Tracks,
+    own: tuple[float, float, float],
+    params: TrafficParams,
+    rng: np.random.Generator,
+    strict: bool = True,
 ) -> Traffic:
     """Draw hulls, speeds and places of other vessels.
 
     A vessel begins anywhere along a random track, ``start_gap_m`` from the own ship and the others,
     and does not come within ``clear_start_m`` of the own start in the first ``clear_start_s``.
 
+    Without ``strict`` a vessel that finds no place, and those after it, are left out.
+
     Raises:
-        ScenarioError: a vessel finds no place.
+        ScenarioError: a vessel finds no place and ``strict`` holds.
     """
     count = params.vessels
     if count == 0:
@@ -37,12 +43,13 @@ def draw_traffic(
     track, progress = np.zeros(count, np.int64), np.zeros(count)
     clear = np.array([params.start_gap_m, params.clear_start_m, params.clear_start_s])
     placed = _place(tracks.points, tracks.offsets, own[0], own[1], speed, lots, clear, track, progress)
-    if placed < count:
+    if strict and placed < count:
         raise ScenarioError(
             f'vessel {placed} of {count} finds no place in {TRIES} draws; lower vessels or start_gap_m'
         )
     arrival = Arrival[params.arrival.upper()]
-    return Traffic(tracks, hull, speed, track, progress, arrival, int(rng.integers(2**31)))
+    seed = int(rng.integers(2**31))
+    return Traffic(tracks, hull[:placed], speed[:placed], track[:placed], progress[:placed], arrival, seed)
 
 
 @njit(cache=True)
