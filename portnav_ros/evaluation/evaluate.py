@@ -14,14 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from portnav_ros.evaluation.planners import PLANNERS
+from portnav_ros.evaluation.planners import PLANNERS, EvaluationError
 from portnav_ros.evaluation.provenance import provenance
 from portnav_ros.evaluation.statistics import paired_difference
 from portnav_ros.evaluation.summary import summarise, table, write_csv, write_json
 from portnav_ros.evaluation.trial import SPLITS, EpisodeResult, Trial, split_seeds
 from portnav_ros.types import Outcome
 
-EXIT_INTERRUPTED = 130
 RUNNERS = {'process': 'evaluation.workers', 'ros': 'nodes.evaluate_ros'}
 Runner = Callable[[Trial, Sequence[int], int, int, bool], Iterator[EpisodeResult]]
 
@@ -32,6 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--difficulty', default='paper', help='name or file (default: %(default)s)')
     parser.add_argument('--chart', type=Path, metavar='FILE', help='sail on a chart, not on random ports')
     parser.add_argument('--scenario', metavar='NAME', help='sail a named scenario, such as head_on')
+    parser.add_argument(
+        '--route', choices=('clearance', 'rrt_star'), help="global path, in place of the difficulty's choice"
+    )
     parser.add_argument('--episodes', type=int, default=100, metavar='N', help='default: %(default)s')
     parser.add_argument('--seed', type=int, default=0, metavar='S', help='first seed within the split')
     parser.add_argument(
@@ -49,14 +51,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Evaluate; Ctrl-C ends it early with the figures of the episodes that are done."""
-    trial = Trial(arguments.planner, arguments.difficulty, arguments.chart, arguments.scenario)
+    """Evaluate; a failure or Ctrl-C ends it early with the figures of the episodes that are done.
+
+    Raises:
+        EvaluationError: the options do not fit, or an episode could not be sailed.
+        KeyboardInterrupt: Ctrl-C, after the figures are out.
+    """
+    trial = Trial(
+        arguments.planner, arguments.difficulty, arguments.chart, arguments.scenario, arguments.route
+    )
     sailed = _sail(trial, arguments)
-    if not sailed.episodes:
-        return EXIT_INTERRUPTED
+    if sailed.episodes:
+        _publish(trial, sailed, arguments)
+    if sailed.cut_short is not None:
+        raise sailed.cut_short
+    return 0
+
+
+def _publish(trial: Trial, sailed: Sailed, arguments: argparse.Namespace) -> None:
     figures = _figures(trial, sailed, arguments)
     _show(trial, figures)
-    if arguments.against and sailed.complete:
+    if arguments.against and sailed.cut_short is None:
         figures['against'] = _compare(sailed, replace(trial, planner=arguments.against), arguments)
     if arguments.json:
         write_json(arguments.json, figures)
@@ -67,15 +82,14 @@ def run(arguments: argparse.Namespace) -> int:
         write_overview(arguments.report, figures, failures)
     if arguments.episodes_csv:
         write_csv(arguments.episodes_csv, sailed.episodes)
-    return 0 if sailed.complete else EXIT_INTERRUPTED
 
 
 class Sailed(NamedTuple):
-    """Episodes in the order of their seeds. complete: False where Ctrl-C cut the evaluation short."""
+    """Episodes in the order of their seeds. cut_short: what ended the evaluation early, if anything."""
 
     episodes: list[EpisodeResult]
     wall_s: float
-    complete: bool
+    cut_short: BaseException | None
 
 
 def _sail(trial: Trial, arguments: argparse.Namespace) -> Sailed:
@@ -84,7 +98,8 @@ def _sail(trial: Trial, arguments: argparse.Namespace) -> Sailed:
     run_trial: Runner = module.run_trial
     episodes: list[EpisodeResult] = []
     keep = arguments.report is not None
-    complete, start = True, time.perf_counter()
+    cut_short: BaseException | None = None
+    start = time.perf_counter()
     try:
         with tqdm(total=len(seeds), desc=trial.planner, unit='episode') as bar:
             for result in run_trial(trial, seeds, arguments.batch, arguments.workers, keep):
@@ -93,10 +108,10 @@ def _sail(trial: Trial, arguments: argparse.Namespace) -> Sailed:
                 share = np.mean([done.outcome == Outcome.SUCCESS for done in episodes])
                 bar.set_postfix_str(f'success {share:.1%}', refresh=False)
                 bar.update()
-    except KeyboardInterrupt:
-        complete = False
-        print(f'interrupted after {len(episodes)} of {len(seeds)} episodes', file=sys.stderr)
-    return Sailed(sorted(episodes, key=lambda result: result.seed), time.perf_counter() - start, complete)
+    except (KeyboardInterrupt, EvaluationError) as error:
+        cut_short = error
+        print(f'cut short after {len(episodes)} of {len(seeds)} episodes', file=sys.stderr)
+    return Sailed(sorted(episodes, key=lambda result: result.seed), time.perf_counter() - start, cut_short)
 
 
 def _figures(trial: Trial, sailed: Sailed, arguments: argparse.Namespace) -> dict[str, Any]:
@@ -105,11 +120,12 @@ def _figures(trial: Trial, sailed: Sailed, arguments: argparse.Namespace) -> dic
         'difficulty': trial.difficulty,
         'chart': str(trial.chart) if trial.chart else None,
         'scenario': trial.scenario,
+        'route': trial.route,
         'split': arguments.split,
         'seed': arguments.seed,
         'through': arguments.through,
         **summarise(sailed.episodes, sailed.wall_s),
-        'complete': sailed.complete,
+        'complete': sailed.cut_short is None,
         'workers': arguments.workers,
         'batch': arguments.batch,
         **provenance(),

@@ -42,7 +42,7 @@ _STYLE = {
 }
 
 SENTENCES = {
-    Outcome.RUNNING: 'still under way when the recording ended',
+    Outcome.RUNNING: 'was still under way when the recording ended',
     Outcome.SUCCESS: 'reached its goal',
     Outcome.COLLISION_QUAY: 'hit a quay',
     Outcome.COLLISION_BUOY: 'hit a buoy',

@@ -42,12 +42,16 @@ def split_seeds(split: Split, first: int, episodes: int) -> range:
 
 @dataclass(frozen=True)
 class Trial:
-    """A planner on random ports of a difficulty, on a chart, or in a named scenario."""
+    """A planner on random ports of a difficulty, on a chart, or in a named scenario.
+
+    route: who lays the global path; None leaves it to the difficulty.
+    """
 
     planner: str
     difficulty: str
     chart: Path | None = None
     scenario: str | None = None
+    route: Literal['clearance', 'rrt_star'] | None = None
 
     def __post_init__(self) -> None:
         """Refuse two sources of scenarios."""
@@ -60,7 +64,8 @@ class Trial:
 
     @cached_property
     def _difficulty(self) -> Difficulty:
-        return load_difficulty(self.difficulty)
+        difficulty = load_difficulty(self.difficulty)
+        return difficulty if self.route is None else replace(difficulty, route=self.route)
 
     def make_scenario(self, seed: int) -> Scenario:
         """Make the scenario of a world seed, with its path."""

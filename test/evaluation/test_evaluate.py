@@ -7,6 +7,7 @@ import pytest
 
 from portnav_ros.evaluation import evaluate, workers
 from portnav_ros.evaluation.metrics.table import METRICS
+from portnav_ros.evaluation.planners import EvaluationError
 from portnav_ros.evaluation.trial import EpisodeResult, Trial
 from portnav_ros.types import Outcome
 
@@ -93,19 +94,20 @@ def test_two_planners_are_compared_pair_by_pair(fake_runner, tmp_path, capsys):
     assert 'McNemar' in capsys.readouterr().out
 
 
-def test_an_interrupted_evaluation_keeps_what_is_done(monkeypatch, tmp_path, capsys):
+@pytest.mark.parametrize('failure', [KeyboardInterrupt(), EvaluationError('a worker died')])
+def test_an_evaluation_cut_short_keeps_what_is_done(monkeypatch, tmp_path, capsys, failure):
     def run_trial(trial: Trial, seeds: Sequence[int], *_: object) -> Iterator[EpisodeResult]:
         yield fake_result(trial, seeds[0])
         yield fake_result(trial, seeds[1])
-        raise KeyboardInterrupt
+        raise failure
 
     monkeypatch.setattr(workers, 'run_trial', run_trial)
     figures = tmp_path / 'figures.json'
-    code = evaluate.run(arguments(f'--planner dwa --episodes 9 --json {figures}'))
-    assert code == evaluate.EXIT_INTERRUPTED
+    with pytest.raises(type(failure)):
+        evaluate.run(arguments(f'--planner dwa --episodes 9 --json {figures}'))
     values = json.loads(figures.read_text())
     assert (values['episodes'], values['complete']) == (2, False)
-    assert 'interrupted after 2 of 9' in capsys.readouterr().err
+    assert 'cut short after 2 of 9' in capsys.readouterr().err
 
 
 def test_unknown_figures_become_null(fake_runner, monkeypatch, tmp_path):
