@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import signal
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,9 +52,6 @@ class BagRecorder(PortNode[RecorderParams]):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('bag_recorder', RecorderParams(), **options)
-        self._signals: list[int] = []
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, lambda n, _: self._signals.append(n))
         topics = [topic for topic in TOPICS.values() if topic.recorded]
         self._queues = [self._queue(number, topic) for number, topic in enumerate(topics)]
         self._recording = self._open(topics)
@@ -80,10 +76,10 @@ class BagRecorder(PortNode[RecorderParams]):
         return Health(values={'messages': self._recording.written, 'publishers': publishers})
 
     def spin(self) -> None:
-        """Record until SIGINT or SIGTERM, take what is still in the queues and close the bag."""
+        """Record until it is to stop, take what is still in the queues and close the bag."""
         executor = SingleThreadedExecutor()
         executor.add_node(self)
-        while not self._signals:
+        while not self._stopped:
             self.tick()
             executor.spin_once(timeout_sec=0.0)
             time.sleep(POLL_S)

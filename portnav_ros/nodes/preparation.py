@@ -96,7 +96,7 @@ def read_configuration(file: Path | None) -> Configuration:
                 raise ParamError(f'{source}: unknown key {key!r}; known keys: {BRINGUP}, {", ".join(NAMES)}')
             if not isinstance(values, dict):
                 raise ParamError(f'{source}: {key}: expected a mapping of keys to values')
-            merged[key] = merged.get(key, {}) | values
+            merged[key] = _merge(merged.get(key, {}), values)
     return merged
 
 
@@ -160,8 +160,15 @@ def prepare(
     parameters = _parameters(options, configuration, scenario, out)
     # a wildcard, because nodes may live in a namespace
     document = {f'/**/{name}': {'ros__parameters': values} for name, values in parameters.items()}
-    (out / PARAMETERS).write_text(yaml.safe_dump(document, sort_keys=False), encoding='utf-8')
+    (out / PARAMETERS).write_text(yaml.dump(document, Dumper=_PlainDumper, sort_keys=False), encoding='utf-8')
     return tuple(_command(spec, options, out) for spec in options.nodes)
+
+
+class _PlainDumper(yaml.SafeDumper):
+    """ROS cannot read YAML that refers back to what it has said before."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
 
 
 def environment() -> dict[str, str]:
@@ -178,16 +185,24 @@ def _parameters(
         'chart': str(options.chart.resolve()) if options.chart else '',
         'seed': options.seed,
     }
-    sensor = {'lidar': dataclasses.asdict(scenario.lidar), 'goal_radius_m': scenario.goal_radius_m}
+    vessel = {
+        'vessel': dataclasses.asdict(scenario.vessel),
+        'autopilot': dataclasses.asdict(scenario.autopilot),
+    }
+    sensing = {
+        **vessel,
+        'lidar': dataclasses.asdict(scenario.lidar),
+        'goal_radius_m': scenario.goal_radius_m,
+    }
     own: Configuration = {
-        'pid_controller': _steering(scenario),
-        options.planner + PLANNER_SUFFIX: _steering(scenario) | sensor,
         'sim': {**world, 'rate': options.rate},
         'global_planner': {
             'chart': str((out / bag_episode.CHART).resolve()),
             'seed': options.seed,
             'hull_clearance_m': load_difficulty(options.difficulty).path.least_m,
         },
+        f'{options.planner}{PLANNER_SUFFIX}': sensing,
+        'pid_controller': vessel,
         'bag_recorder': {
             'bag': str((out / BAG).resolve()),
             'storage': options.storage,
@@ -196,19 +211,19 @@ def _parameters(
             'reliable': 'sim' not in options.without,
         },
     }
+    common = {'lock_step': options.lock_step}
     return {
-        spec.name: {'lock_step': options.lock_step}
-        | own.get(spec.name, {})
-        | configuration.get(spec.name, {})
-        for spec in options.nodes
+        spec.name: _merge(common | own[spec.name], configuration.get(spec.name, {})) for spec in options.nodes
     }
 
 
-def _steering(scenario: Scenario) -> dict[str, Any]:
-    return {
-        'vessel': dataclasses.asdict(scenario.vessel),
-        'autopilot': dataclasses.asdict(scenario.autopilot),
-    }
+def _merge(base: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested mappings key by key, everything else replaced."""
+    merged = dict(base)
+    for key, value in changes.items():
+        nested = isinstance(value, Mapping) and isinstance(base.get(key), Mapping)
+        merged[key] = _merge(base[key], value) if nested else value
+    return merged
 
 
 def _metadata(options: GraphOptions, configuration: Configuration, scenario: Scenario) -> dict[str, str]:

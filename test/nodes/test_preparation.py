@@ -92,10 +92,19 @@ def test_the_folder_holds_what_the_nodes_share(tmp_path, scenario):
     assert set(parameters) == {f'/**/{command.name}' for command in commands}
     sim = parameters['/**/sim']['ros__parameters']
     assert (sim['seed'], sim['lock_step'], sim['publish_goal']) == (3, True, False)
+    vessel = parameters['/**/pid_controller']['ros__parameters']['vessel']
+    assert vessel['length_m'] == scenario.vessel.length_m
     metadata = json.loads((tmp_path / METADATA).read_text())
     assert json.loads(metadata['goal']) == pytest.approx(scenario.goal)
     assert metadata['planner'] == 'dwa'
     assert all(isinstance(value, str) for value in metadata.values())
+
+
+def test_a_configuration_changes_one_key_of_many(tmp_path, scenario):
+    prepare(EASY, {'dwa_planner': {'vessel': {'turn_gain': 0.5}}}, scenario, tmp_path)
+    parameters = yaml.safe_load((tmp_path / PARAMETERS).read_text())
+    vessel = parameters['/**/dwa_planner']['ros__parameters']['vessel']
+    assert (vessel['turn_gain'], vessel['length_m']) == (0.5, scenario.vessel.length_m)
 
 
 def test_a_folder_that_holds_a_recording_is_not_touched(tmp_path, scenario):
