@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
 from collections import Counter
@@ -16,12 +17,12 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 
@@ -37,7 +38,7 @@ from portnav_ros.sim.scenario import ScenarioError
 P = TypeVar('P')
 
 DIAGNOSTICS_PERIOD_S = 1.0
-SPIN_S = 1.0
+SPIN_S = 0.1  # a signal is seen this late at most
 FLUSH_S = 2.0
 
 
@@ -77,7 +78,7 @@ class PortNode(Node, Generic[P]):
         self.lock_step = bool(getattr(self.params, 'lock_step', False))
         self.exit_code = Exit.OK
         self.refused: Counter[str] = Counter()
-        self._done = Future()
+        self._done, self._stopped = Future(), False
         self._reasons: dict[str, str] = {}
         self._mismatched: dict[str, str] = {}
         self._owned: list[Publisher] = []
@@ -164,13 +165,16 @@ class PortNode(Node, Generic[P]):
         executor = EventsExecutor()
         executor.add_node(self)
         try:
-            while self.context.ok() and not self._done.done():
+            while self.context.ok() and not self._stopped and not self._done.done():
                 executor.spin_until_future_complete(self._done, SPIN_S)
-        except (KeyboardInterrupt, ExternalShutdownException):
-            return
         finally:
             executor.remove_node(self)
-        self._flush()
+        if self._done.done():
+            self._flush()
+
+    def stop(self) -> None:
+        """End spin() soon; may be called by a signal handler."""
+        self._stopped = True
 
     def _flush(self) -> None:
         deadline = time.monotonic() + FLUSH_S
@@ -186,10 +190,16 @@ class PortNode(Node, Generic[P]):
 
 
 def run_node(factory: Callable[[], PortNode[Any]]) -> int:
-    """Build a node, tell the bringup that it is ready, spin it, and return its exit code."""
-    rclpy.init()
+    """Build a node, tell the bringup that it is ready, spin it, and return its exit code.
+
+    SIGINT and SIGTERM break off the building; afterwards they end the spinning between two callbacks.
+    """
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    node = None
     try:
+        _on_signals(signal.default_int_handler)
         node = factory()
+        _on_signals(lambda number, frame: node.stop())
         status_pipe.report_ready()
         node.spin()
         return int(node.exit_code)
@@ -197,10 +207,17 @@ def run_node(factory: Callable[[], PortNode[Any]]) -> int:
         return _complain(error, Exit.CONFIGURATION)
     except ModelError as error:
         return _complain(error, Exit.NO_MODEL)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except KeyboardInterrupt:
         return int(Exit.OK)
     finally:
+        if node is not None:
+            node.destroy_node()
         rclpy.try_shutdown()
+
+
+def _on_signals(handler: Callable[[int, Any], None]) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, handler)
 
 
 def _complain(error: Exception, code: Exit) -> int:
