@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from portnav_ros.evaluation.bag_episode import read_episode
+from portnav_ros.evaluation.bag_episode import LOST, read_episode
 from portnav_ros.evaluation.planners import EvaluationError
 from portnav_ros.evaluation.trial import EpisodeResult, Trial, judge
 from portnav_ros.nodes.bringup import sail
@@ -31,7 +31,7 @@ def run_trial(
         keep_logs: attach each episode's log.
 
     Raises:
-        EvaluationError: a graph ended before its episode did.
+        EvaluationError: a graph ended before its episode did, or its bag is not whole.
         KeyboardInterrupt: Ctrl-C.
     """
     configuration = read_configuration(None)
@@ -51,6 +51,9 @@ def run_trial(
             if result.outcome is Outcome.RUNNING:
                 raise EvaluationError(f'--through ros, seed {seed}: {result.message}')
             log = replace(read_episode(Path(folder) / BAG), wall_s=result.wall_s)
+            if log.outcome is not result.outcome:
+                lost = log.metadata.get(LOST, 'the end was not recorded')
+                raise EvaluationError(f'--through ros, seed {seed}: the bag is not whole: {lost}')
         yield judge(log, trial, keep_logs)
 
 
