@@ -1,0 +1,211 @@
+"""Plans the path that the local planner follows: RRT* in a process of its own, on request or for a goal."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Goals, Odometry
+from nav_msgs.srv import GetPlan
+from rclpy.service import Service
+
+from portnav_ros.charts import read_chart
+from portnav_ros.nodes.messages import (
+    MessageError,
+    occupancy_message,
+    path_message,
+    read_odometry,
+    read_pose,
+    read_stamp,
+)
+from portnav_ros.nodes.runtime import Health, PortNode, run_node
+from portnav_ros.params import ParamError, check_range
+from portnav_ros.planning.rrt_star import PlanCancelledError, PlanError, RrtStarParams
+from portnav_ros.planning.worker import PlanWorker, Point, WorkerDiedError
+from portnav_ros.types import Array
+
+NO_PATH = np.zeros((0, 2))
+
+
+@dataclass(frozen=True)
+class GlobalPlannerParams:
+    """Parameters of the node.
+
+    chart: GeoJSON or nav2 map YAML. seed: of the search; the same gives the same path.
+    """
+
+    chart: str = ''
+    seed: int = 0
+    hull_clearance_m: float = 30.0
+    lock_step: bool = False
+    rrt_star: RrtStarParams = field(default_factory=RrtStarParams)
+
+    def __post_init__(self) -> None:
+        """Refuse values without which nothing can be planned."""
+        check_range(self, hull_clearance_m=(0.0, 500.0), seed=(0, 2**63 - 1))
+
+
+class Itinerary:
+    """The legs of one plan, in the hands of the worker."""
+
+    def __init__(self, worker: PlanWorker, points: Sequence[Point], seed: int, time_ns: int) -> None:
+        self.time_ns = time_ns
+        self.began_s = time.monotonic()
+        self._worker = worker
+        self._legs = [worker.submit(a, b, seed) for a, b in itertools.pairwise(points)]
+
+    def when_done(self, callback: Callable[[], object]) -> None:
+        """Call back in the worker's thread; legs are planned in order, so the last is the last."""
+        self._legs[-1].future.add_done_callback(lambda _: callback())
+
+    def cancel(self) -> None:
+        """Give up what is not planned yet."""
+        for leg in self._legs:
+            self._worker.cancel(leg)
+
+    def path(self) -> Array:
+        """Join the legs to one path [W, 2].
+
+        Raises:
+            PlanError, PlanCancelledError, WorkerDiedError: a leg has none.
+        """
+        first, *others = [leg.future.result(0.0) for leg in self._legs]
+        return np.vstack([first, *(path[1:] for path in others)])
+
+
+class GlobalPlanner(PortNode[GlobalPlannerParams]):
+    """Node ``global_planner``."""
+
+    def __init__(self, **options: object) -> None:
+        super().__init__('global_planner', GlobalPlannerParams(), **options)
+        if not self.params.chart:
+            raise ParamError('global_planner: parameter chart is missing: give it as -p chart:=FILE')
+        harbour = read_chart(self.params.chart)
+        self.worker = PlanWorker(harbour, self.params.rrt_star, self.params.hull_clearance_m)
+        self._goals: list[Point] = []
+        self._odometry: Odometry | None = None
+        self._itinerary: Itinerary | None = None
+        self._outcome = Health(text='no goal yet')
+        self._plan = self.publisher('plan')
+        self._map = self.publisher('map')
+        self.subscribe('odom', self._on_odometry)
+        self.subscribe('goal_pose', self._on_goal)
+        self.subscribe('goal_poses', self._on_goals)
+        self._service = self.create_service(GetPlan, '~/get_plan', self._on_request)
+        self._service.send_response = self._answer_later
+        grid = harbour.clearance(self.params.rrt_star.resolution_m, 'charted')
+        self._map.publish(occupancy_message(grid, 0))
+        self.worker.ready.result()
+
+    def health(self) -> Health:
+        """Report the outcome of the last plan and how often the process had to be started."""
+        values = {'process_starts': self.worker.starts, 'planning': self._itinerary is not None}
+        return self._outcome._replace(values={**self._outcome.values, **values})
+
+    def destroy_node(self) -> None:
+        """End the planning process, too."""
+        self.worker.close()
+        super().destroy_node()
+
+    def _on_odometry(self, message: Odometry) -> None:
+        self._odometry = message
+        if self._goals:
+            self._begin(message)
+
+    def _on_goal(self, message: PoseStamped) -> None:
+        self._pursue([read_pose(message)[:2]])
+
+    def _on_goals(self, message: Goals) -> None:
+        if not message.goals:
+            raise MessageError('goals is empty')
+        self._pursue([read_pose(goal)[:2] for goal in message.goals])
+
+    def _pursue(self, goals: list[Point]) -> None:
+        """Take new goals; the plan for the old ones is given up."""
+        if self._itinerary is not None:
+            self._itinerary.cancel()
+            self._itinerary = None
+        self._goals = goals
+        self._outcome = Health(DiagnosticStatus.WARN, 'waiting for odometry to plan from')
+        if self._odometry is not None:
+            self._begin(self._odometry)
+
+    def _begin(self, odometry: Odometry) -> None:
+        """Hand the goals to the worker, with the vessel's own place as the start."""
+        try:
+            own = read_odometry(odometry)
+        except MessageError as error:
+            self._odometry = None
+            self.refuse('odom', str(error))
+            return
+        points = [(own.x_m, own.y_m), *self._goals]
+        self._goals = []
+        stamp_ns = read_stamp(odometry.header.stamp)
+        itinerary = Itinerary(self.worker, points, self.params.seed, stamp_ns)
+        self._itinerary = itinerary
+        self._outcome = Health(text='planning')
+        itinerary.when_done(lambda: self.executor.create_task(self._publish, itinerary))
+
+    def _publish(self, itinerary: Itinerary) -> None:
+        if itinerary is self._itinerary:
+            self._itinerary = None
+            self._plan.publish(path_message(self._conclude(itinerary), itinerary.time_ns))
+
+    def _conclude(self, itinerary: Itinerary) -> Array:
+        """Return the path, or none with the reason in the diagnostics."""
+        took_s = time.monotonic() - itinerary.began_s
+        try:
+            path = itinerary.path()
+        except PlanError as error:
+            self._fail(error.reason, str(error))
+        except WorkerDiedError as error:
+            self._fail('PLANNER_DIED', str(error))
+        except PlanCancelledError:
+            return NO_PATH
+        else:
+            self._outcome = Health(text='planned', values={'points': len(path), 'took_s': f'{took_s:.3f}'})
+            return path
+        return NO_PATH
+
+    def _fail(self, reason: str, text: str) -> None:
+        self.get_logger().warning(f'no plan: {text}')
+        self._outcome = Health(DiagnosticStatus.ERROR, text, {'reason': reason})
+        self.report_health()
+
+    def _on_request(self, request: GetPlan.Request, _: GetPlan.Response) -> Itinerary | None:
+        try:
+            ends = [read_pose(request.start)[:2], read_pose(request.goal)[:2]]
+        except MessageError as error:
+            self.refuse('get_plan', str(error))
+            return None
+        return Itinerary(self.worker, ends, self.params.seed, read_stamp(request.goal.header.stamp))
+
+    def _answer_later(self, itinerary: Itinerary | None, header: Any) -> None:
+        """Take the place of rclpy's send_response, which the executor calls as soon as it has asked."""
+        if itinerary is None:
+            self._answer(NO_PATH, 0, header)
+        else:
+            itinerary.when_done(lambda: self.executor.create_task(self._respond, itinerary, header))
+
+    def _respond(self, itinerary: Itinerary, header: Any) -> None:
+        self._answer(self._conclude(itinerary), itinerary.time_ns, header)
+
+    def _answer(self, path: Array, time_ns: int, header: Any) -> None:
+        response = GetPlan.Response(plan=path_message(path, time_ns))
+        Service.send_response(self._service, response, header)
+
+
+def main() -> None:
+    """Entry point of the executable."""
+    sys.exit(run_node(GlobalPlanner))
+
+
+if __name__ == '__main__':
+    main()
