@@ -87,9 +87,10 @@ class LocalPlanner(PortNode[PlannerParams]):
         self._setpoints = self.publisher('setpoint_raw')
         self._states = self.publisher('navigation_state')
         self.subscribe('plan', self._take_plan)
-        self.subscribe('odom', self._take_odometry)
-        self.subscribe('scan', self._take_scan)
-        self.subscribe('joint_states', self._take_joints)
+        unwanted = self._between_decisions if self.lock_step else None
+        self.subscribe('odom', self._take_odometry, unwanted)
+        self.subscribe('scan', self._take_scan, unwanted)
+        self.subscribe('joint_states', self._take_joints, unwanted)
         self.timer(WATCH_S, self._watch)
 
     def health(self) -> Health:
@@ -163,6 +164,10 @@ class LocalPlanner(PortNode[PlannerParams]):
         self._own[0, RUDDER], self._own[0, THRUST] = feedback
         self._joints_ns = read_stamp(message.header.stamp)
         self._decide_if_due()
+
+    def _between_decisions(self, stamp_ns: int) -> bool:
+        """Whether a message cannot matter in lock-step, where each decision has its own."""
+        return self._due_ns - self._period_ns < stamp_ns < self._due_ns
 
     def _decide_if_due(self) -> None:
         if self._time_ns < self._due_ns or not self._complete():

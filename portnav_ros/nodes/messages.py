@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import array
 import math
+import struct
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -15,7 +16,6 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 from nav_msgs.msg import OccupancyGrid, Odometry, Path
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, LaserScan
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -29,6 +29,7 @@ SECOND_NS = 1_000_000_000
 RUDDER_JOINT, PROPULSION_JOINT = 'rudder', 'propulsion'
 JOINTS = [RUDDER_JOINT, PROPULSION_JOINT]
 OCCUPIED = 100
+CDR_PREAMBLE = 4  # bytes before the first field; the second tells the byte order
 
 
 class MessageError(ValueError):
@@ -43,6 +44,12 @@ def write_stamp(stamp: Time, time_ns: int) -> None:
 def read_stamp(stamp: Time) -> int:
     """Return a stamp in ns."""
     return int(stamp.sec) * SECOND_NS + int(stamp.nanosec)
+
+
+def peek_stamp(data: bytes) -> int:
+    """Return the stamp in ns of a serialised message that begins with a header."""
+    seconds, nanosec = struct.unpack_from('<iI' if data[1] else '>iI', data, CDR_PREAMBLE)
+    return int(seconds) * SECOND_NS + int(nanosec)
 
 
 def nanoseconds(time_s: float) -> int:
@@ -247,13 +254,6 @@ def read_pose(message: PoseStamped) -> tuple[float, float, float]:
     pose = (position.x, position.y, read_yaw(message.pose.orientation))
     _check_finite('pose', pose)
     return pose
-
-
-def clock_message(time_ns: int) -> Clock:
-    """Return a simulated time."""
-    message = Clock()
-    write_stamp(message.clock, time_ns)
-    return message
 
 
 def occupancy_message(grid: ClearanceGrid, time_ns: int) -> OccupancyGrid:

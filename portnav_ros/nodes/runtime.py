@@ -22,6 +22,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from rclpy.task import Future
@@ -29,7 +30,7 @@ from rclpy.task import Future
 from portnav_ros.harbour import ChartError
 from portnav_ros.muzero.policy import ModelError
 from portnav_ros.nodes import status_pipe
-from portnav_ros.nodes.messages import MessageError, status_message
+from portnav_ros.nodes.messages import MessageError, peek_stamp, status_message
 from portnav_ros.nodes.parameters import declare
 from portnav_ros.nodes.topics import TOPICS, asked_qos, offered_qos
 from portnav_ros.params import ParamError
@@ -100,9 +101,18 @@ class PortNode(Node, Generic[P]):
         self._owned.append(publisher)
         return publisher
 
-    def subscribe(self, topic: str, callback: Callable[[Any], None]) -> Subscription:
-        """Subscribe to a topic of the table; a message for which the callback raises MessageError is
-        refused and counted.
+    def subscribe(
+        self,
+        topic: str,
+        callback: Callable[[Any], None],
+        unwanted: Callable[[int], bool] | None = None,
+    ) -> Subscription:
+        """Subscribe to a topic of the table.
+
+        Args:
+            topic: its name.
+            callback: takes a message; one for which it raises MessageError is refused and counted.
+            unwanted: is told the stamp in ns and may have the message dropped unread, which is much cheaper.
         """
         row = TOPICS[topic]
 
@@ -112,11 +122,16 @@ class PortNode(Node, Generic[P]):
             except MessageError as error:
                 self.refuse(topic, str(error))
 
+        def chosen(data: bytes) -> None:
+            if not unwanted(peek_stamp(data)):
+                guarded(deserialize_message(data, row.type))
+
         return self.create_subscription(
             row.type,
             row.name,
-            guarded,
+            chosen if unwanted else guarded,
             asked_qos(row, self.lock_step),
+            raw=unwanted is not None,
             event_callbacks=SubscriptionEventCallbacks(
                 incompatible_qos=lambda event: self._note_mismatch(topic, event)
             ),

@@ -6,12 +6,12 @@ import math
 
 from nav_msgs.msg import Path
 from rclpy.publisher import Publisher
+from rosgraph_msgs.msg import Clock
 from visualization_msgs.msg import MarkerArray
 
 from portnav_ros.nodes import status_pipe
 from portnav_ros.nodes.messages import (
     buoy_markers,
-    clock_message,
     fill_joints,
     fill_odometry,
     fill_scan,
@@ -49,6 +49,7 @@ class SimTopics:
         self._episode = node.publisher('episode')
         self._odom_message, self._joints_message = new_odometry(), new_joints()
         self._scan_message = new_scan(world.lidar, TICKS_PER_SCAN * TICK_S)
+        self._clock_message = Clock()
         self._track = Path()
         self._track.header.frame_id = MAP_FRAME
         self._goal_subscribers = 0
@@ -63,7 +64,8 @@ class SimTopics:
         if tick % TICKS_PER_SCAN == 0:
             fill_scan(self._scan_message, time_ns, self._world.ranges[0])
             self._scan.publish(self._scan_message)
-        self._clock.publish(clock_message(time_ns))
+        write_stamp(self._clock_message.clock, time_ns)
+        self._clock.publish(self._clock_message)
         if tick % TICKS_PER_SECOND == 0:
             self._publish_slowly(time_ns)
 
