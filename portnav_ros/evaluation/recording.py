@@ -98,14 +98,15 @@ class Recording:
             self._bag.add_topic(topic.name, topic.message_type, topic.depth, topic.latched)
         self._bag.checkpoint()
 
-    def push(self, topic: int, data: bytes) -> None:
-        """Take in a serialised message."""
+    def push(self, topic: int, data: bytes) -> int:
+        """Take in a serialised message; returns its stamp in ns."""
         stamp = stamp_ns(self._topics[topic].message_type, data)
         if topic == 0:
             self._newest_ns = max(self._newest_ns, stamp)
         elif stamp > self._newest_ns + AHEAD_NS:
             stamp = self._newest_ns
         self._order.push(stamp, topic, data)
+        return stamp
 
     def file(self) -> None:
         """Write what is older than the margin; to be called when every queue has been emptied."""

@@ -18,10 +18,16 @@ from portnav_ros.evaluation.bag_episode import CHART
 from portnav_ros.evaluation.bag_writer import BagError, Storage
 from portnav_ros.evaluation.recording import RecordedTopic, Recording
 from portnav_ros.nodes import status_pipe
+from portnav_ros.nodes.messages import clock_message
 from portnav_ros.nodes.runtime import Health, PortNode, run_node
 from portnav_ros.nodes.topics import TOPICS, Topic, asked_qos
 from portnav_ros.params import ParamError
 
+# Published at every tick: what came of all of them is the time up to which nothing is missing.
+TICKING = ('odom', 'joint_states', 'cmd_actuators')
+# Nothing is acknowledged before each of these has a publisher that is heard.
+AWAITED = (*TICKING, 'scan', 'setpoint', 'targets')
+ACKNOWLEDGE_NS = 2_000_000_000
 ANSWERS = ('cmd_actuators', 'setpoint', 'setpoint_raw', 'navigation_state')
 POLL_S = 0.01  # queues are emptied in bulk, which costs half of waking up for each message
 QUEUE_DEPTH = 5000
@@ -55,12 +61,18 @@ class BagRecorder(PortNode[RecorderParams]):
         topics = [topic for topic in TOPICS.values() if topic.recorded]
         self._queues = [self._queue(number, topic) for number, topic in enumerate(topics)]
         self._recording = self._open(topics)
+        self._newest_ns = {number: 0 for number, topic in enumerate(topics) if topic.name in TICKING}
+        by_name = zip(topics, self._queues, strict=True)
+        self._awaited = [queue for topic, queue in by_name if topic.name in AWAITED]
+        self._acknowledged_ns = -1
+        self._acknowledgements = self.publisher('recorded')
         self._told = False
 
     def tick(self) -> int:
         """Empty every queue once and file what is due; returns how many messages there were."""
         self._recording.file()
         taken = sum(self._empty(number, queue) for number, queue in enumerate(self._queues))
+        self._acknowledge(idle=not taken)
         if self._recording.failure and not self._told:
             self._told = True
             self.get_logger().error(f'recording has stopped: {self._recording.failure}')
@@ -107,16 +119,32 @@ class BagRecorder(PortNode[RecorderParams]):
         if self.params.reliable:
             qos.reliability = ReliabilityPolicy.RELIABLE
         return self.create_subscription(
-            topic.type, topic.name, lambda data: self._recording.push(number, data), qos, raw=True
+            topic.type, topic.name, lambda data: self._take(number, data), qos, raw=True
         )
 
     def _empty(self, number: int, queue: Subscription) -> int:
         taken = 0
         with queue.handle:
             while (item := queue.handle.take_message(queue.msg_type, True)) is not None:
-                self._recording.push(number, item[0])
+                self._take(number, item[0])
                 taken += 1
         return taken
+
+    def _take(self, number: int, data: bytes) -> None:
+        stamp = self._recording.push(number, data)
+        if number in self._newest_ns:
+            self._newest_ns[number] = stamp
+
+    def _acknowledge(self, idle: bool) -> None:
+        """Tell sim and bringup up to which time nothing is missing."""
+        if self._acknowledged_ns < 0 and not all(queue.get_publisher_count() for queue in self._awaited):
+            return
+        time_ns = min(self._newest_ns.values())
+        behind_ns = time_ns - self._acknowledged_ns
+        if behind_ns >= ACKNOWLEDGE_NS or (idle and behind_ns):
+            self._acknowledged_ns = time_ns
+            self._acknowledgements.publish(clock_message(time_ns))
+            status_pipe.report(recorded_s=time_ns * 1e-9)
 
 
 def _recorded(topic: Topic, queue: Subscription) -> RecordedTopic:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import sys
 import time
@@ -30,10 +31,11 @@ from portnav_ros.nodes.supervisor import (
     StopRequest,
     Supervisor,
 )
-from portnav_ros.nodes.table import LOCAL_PLANNERS, NAMES
+from portnav_ros.nodes.table import LOCAL_PLANNERS, NAMES, RECORDER
 from portnav_ros.types import Outcome
 
 POLL_S = 0.5
+RECORDER_PATIENCE_S = 10.0
 
 
 class Exit(IntEnum):
@@ -93,7 +95,7 @@ def sail(
 def _supervise(
     commands: Sequence[Command], options: GraphOptions, lock: int, follow: Follow, say: Say
 ) -> GraphResult:
-    episode = _Episode(follow, say)
+    episode = _Episode(follow, say, recorded=any(command.name == RECORDER for command in commands))
     limits = Limits(ready_s=options.ready_s)
     try:
         with Supervisor(commands, environment(), say, limits, (lock,)) as supervisor:
@@ -102,6 +104,9 @@ def _supervise(
             while not episode.ended:
                 episode.take(supervisor.poll(POLL_S))
             episode.stop()
+            patience_s = time.monotonic() + RECORDER_PATIENCE_S
+            while episode.unrecorded and time.monotonic() < patience_s:
+                episode.take(supervisor.poll(POLL_S))
     except NotReadyError as error:
         return episode.result(Exit.NOT_READY, str(error))
     except NodeDiedError as error:
@@ -114,13 +119,18 @@ def _supervise(
 class _Episode:
     """What the sim has said of the episode."""
 
-    def __init__(self, follow: Follow, say: Say) -> None:
+    def __init__(self, follow: Follow, say: Say, recorded: bool) -> None:
         self.outcome = Outcome.RUNNING
         self.ended = False
+        self._recorded_s = -1.0 if recorded else math.inf
         self._follow = follow
         self._say = say
         self._time_s = 0.0
         self._start_s = self._end_s = float('nan')
+
+    @property
+    def unrecorded(self) -> bool:
+        return self._recorded_s < self._time_s - 1e-6
 
     def start(self) -> None:
         self._start_s = time.monotonic()
@@ -133,7 +143,9 @@ class _Episode:
             self._follow(report)
             if 'failure' in report.values:
                 self._say(f'{report.node}: {report.values["failure"]}')
+                self._recorded_s = math.inf
             self._time_s = report.values.get('time_s', self._time_s)
+            self._recorded_s = report.values.get('recorded_s', self._recorded_s)
             if 'outcome' in report.values:
                 self.outcome = Outcome[report.values['outcome']]
             self.ended = self.ended or report.finished or self.outcome is not Outcome.RUNNING

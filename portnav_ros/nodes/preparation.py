@@ -21,7 +21,7 @@ from portnav_ros.evaluation import bag_episode
 from portnav_ros.evaluation.bag_writer import Storage
 from portnav_ros.evaluation.provenance import git_commit
 from portnav_ros.nodes.process import Command
-from portnav_ros.nodes.table import LOCAL_PLANNERS, NAMES, PLANNER_SUFFIX, NodeSpec, OnDeath, graph
+from portnav_ros.nodes.table import LOCAL_PLANNERS, NAMES, PLANNER_SUFFIX, RECORDER, NodeSpec, OnDeath, graph
 from portnav_ros.params import ParamError, check_range, override, read_yaml
 from portnav_ros.resources import config_path
 from portnav_ros.sim.difficulty import load_difficulty
@@ -80,7 +80,7 @@ class GraphOptions:
     @property
     def nodes(self) -> tuple[NodeSpec, ...]:
         """Nodes of this graph."""
-        return graph(self.planner, self.without + (() if self.record else ('bag_recorder',)))
+        return graph(self.planner, self.without + (() if self.record else (RECORDER,)))
 
 
 def read_configuration(file: Path | None) -> Configuration:
@@ -195,7 +195,11 @@ def _parameters(
         'goal_radius_m': scenario.goal_radius_m,
     }
     own: Configuration = {
-        'sim': {**world, 'rate': options.rate},
+        'sim': {
+            **world,
+            'rate': options.rate,
+            'wait_for_recorder': any(spec.name == RECORDER for spec in options.nodes),
+        },
         'global_planner': {
             'chart': str((out / bag_episode.CHART).resolve()),
             'seed': options.seed,
@@ -203,7 +207,7 @@ def _parameters(
         },
         f'{options.planner}{PLANNER_SUFFIX}': sensing,
         'pid_controller': vessel,
-        'bag_recorder': {
+        RECORDER: {
             'bag': str((out / BAG).resolve()),
             'storage': options.storage,
             'run_file': str((out / METADATA).resolve()),

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Path
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
@@ -30,6 +31,7 @@ NEUTRAL = Actuation(0.0, 0.0)
 FUTURE_NS = nanoseconds(0.1)
 RESEND_S = 0.2  # what got no answer is sent again
 MIN_TIMER_S = 0.001
+RECORDER_LEAD_NS = nanoseconds(20.0)
 MAX_CATCH_UP_TICKS = 10  # in one go; what is beyond is lost and lowers the achieved rate
 
 
@@ -41,8 +43,10 @@ class SimParams:
     in its place. lock_step: time waits for the command stamped with the present tick. rate: else, simulated
     seconds per second. hold_until_plan: the world stands at t = 0 until there is a plan. publish_goal: send
     the scenario's goal to the global planner. exit_on_end: end the process with the episode. neutral_s: age
-    of the command past which the actuators go neutral. answer_timeout_s, plan_timeout_s: patience, by the
-    wall clock, with the stack in lock-step and with the planner; 0 is without end.
+    of the command past which the actuators go neutral. wait_for_recorder: in lock-step, sail no further than
+    RECORDER_LEAD_NS ahead of what the recorder has, so that its queues cannot overflow. answer_timeout_s,
+    plan_timeout_s: patience, by the wall clock, with the stack in lock-step and with the planner; 0 is
+    without end.
     """
 
     difficulty: str = 'harbour'
@@ -56,6 +60,7 @@ class SimParams:
     publish_targets: bool = True
     exit_on_end: bool = False
     neutral_s: float = 1.0
+    wait_for_recorder: bool = False
     answer_timeout_s: float = 30.0
     plan_timeout_s: float = 120.0
 
@@ -102,7 +107,10 @@ class Sim(PortNode[SimParams]):
         self._rudder, self._thrust = np.zeros(1), np.zeros(1)
         self._enabled = True
         self._planned = self._driven = not self.params.hold_until_plan
+        self._waits_for_recorder = self.lock_step and self.params.wait_for_recorder
+        self._recorded_ns = -2 * RECORDER_LEAD_NS
         self._begin()
+        self.subscribe('recorded', self._take_recorded)
         self.subscribe('cmd_actuators', self._take_command)
         self.subscribe('plan', self._take_plan)
         self.create_service(SetBool, '~/enable', self._enable)
@@ -167,8 +175,16 @@ class Sim(PortNode[SimParams]):
             self._progress_s = time.monotonic()
             self._advance_if_answered()
 
+    def _take_recorded(self, message: Clock) -> None:
+        self._recorded_ns = read_stamp(message.clock)
+        self._advance_if_answered()
+
+    def _recorder_keeps_up(self) -> bool:
+        return not self._waits_for_recorder or self.time_ns - self._recorded_ns <= RECORDER_LEAD_NS
+
     def _advance_if_answered(self) -> None:
-        if self.lock_step and self._planned and self._command_ns == self.time_ns and self.running:
+        answered = self._planned and self._command_ns == self.time_ns
+        if self.lock_step and answered and self.running and self._recorder_keeps_up():
             self._advance()
 
     def _advance(self) -> None:
@@ -219,7 +235,9 @@ class Sim(PortNode[SimParams]):
 
     def _watch(self) -> None:
         """Send again what got no answer, and give up when patience ends."""
-        if self.held and self.params.publish_goal:
+        if self.count_publishers('recorded') == 0 and self._tick:
+            self._waits_for_recorder = False  # it has died, and the rest sails on
+        if self.held and self.params.publish_goal and self._recorder_keeps_up():
             self._topics.publish_goal()
         self._driven = self._driven or self.count_publishers('setpoint') > 0
         silence_s = time.monotonic() - self._progress_s
@@ -236,6 +254,8 @@ class Sim(PortNode[SimParams]):
         return self.params.answer_timeout_s if self.lock_step else 0.0
 
     def _waiting_for(self) -> str:
+        if not self._recorder_keeps_up():
+            return 'waiting for bag_recorder'
         if not self._planned:
             return 'waiting for a plan'
         if not self.lock_step:

@@ -39,6 +39,7 @@ class NodeSpec(NamedTuple):
 
 
 PLANNER_SUFFIX = '_planner'
+RECORDER = 'bag_recorder'
 # While no safety node stands between planner and autopilot, the planner speaks to the autopilot directly.
 _UNCHECKED = (('setpoint_raw', 'setpoint'),)
 
@@ -49,7 +50,7 @@ NODES = (
     NodeSpec('dwa_planner', OnDeath.RESTART, in_loop=True, remaps=_UNCHECKED),
     NodeSpec('line_of_sight_planner', OnDeath.RESTART, in_loop=True, remaps=_UNCHECKED),
     NodeSpec('pid_controller', OnDeath.RESTART, in_loop=True),
-    NodeSpec('bag_recorder', OnDeath.GO_ON, stops_last=True),
+    NodeSpec(RECORDER, OnDeath.GO_ON, stops_last=True),
 )
 NAMES = tuple(spec.name for spec in NODES)
 LOCAL_PLANNERS = tuple(

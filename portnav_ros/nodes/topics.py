@@ -63,6 +63,7 @@ _ROWS = (
     Topic('markers', MarkerArray, 1, rate_hz=1.0, frame=MAP_FRAME, recorded=False),
     Topic('navigation_state', DiagnosticStatus, 1, latched=True),
     Topic('episode', DiagnosticStatus, 1, latched=True),
+    Topic('recorded', Clock, 1, recorded=False),
 )
 TOPICS: dict[str, Topic] = {topic.name: topic for topic in _ROWS}
 
