@@ -16,6 +16,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 from nav_msgs.msg import OccupancyGrid, Odometry, Path
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, LaserScan
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -254,6 +255,13 @@ def read_pose(message: PoseStamped) -> tuple[float, float, float]:
     pose = (position.x, position.y, read_yaw(message.pose.orientation))
     _check_finite('pose', pose)
     return pose
+
+
+def clock_message(time_ns: int) -> Clock:
+    """Return a simulated time."""
+    message = Clock()
+    write_stamp(message.clock, time_ns)
+    return message
 
 
 def occupancy_message(grid: ClearanceGrid, time_ns: int) -> OccupancyGrid:
