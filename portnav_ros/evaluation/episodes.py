@@ -87,7 +87,7 @@ class _Fleet:
         self._policy.reset(which)
         if isinstance(self._policy, Privileged):
             for b, scenario in zip(_slots(which), chosen, strict=True):
-                self._policy.begin(b, scenario)
+                self._policy.prepare(b, scenario)
 
 
 class _Recording:

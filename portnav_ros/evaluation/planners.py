@@ -20,7 +20,7 @@ class EvaluationError(ValueError):
 class Privileged(Protocol):
     """A policy that is told what no sensor tells, to learn how solvable a scenario is."""
 
-    def begin(self, b: int, scenario: Scenario) -> None:
+    def prepare(self, b: int, scenario: Scenario) -> None:
         """Look into the scenario that begins in slot b."""
 
 

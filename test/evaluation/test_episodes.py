@@ -6,7 +6,7 @@ import pytest
 from portnav_ros.evaluation.episode_log import EpisodeLog
 from portnav_ros.evaluation.episodes import sail
 from portnav_ros.evaluation.hull_clearance import with_clearance
-from portnav_ros.evaluation.planners import PLANNERS, EvaluationError, make_planner
+from portnav_ros.evaluation.planners import PLANNERS, EvaluationError, Privileged, make_planner
 from portnav_ros.evaluation.trial import SEEDS_PER_SPLIT, SPLITS, Trial, judge, split_seeds
 from portnav_ros.evaluation.workers import run_trial
 from portnav_ros.sim.scenario import Scenario
@@ -87,7 +87,7 @@ class Insider:
     def __init__(self) -> None:
         self.told: list[tuple[int, int]] = []
 
-    def begin(self, b: int, scenario: Scenario) -> None:
+    def prepare(self, b: int, scenario: Scenario) -> None:
         self.told.append((b, scenario.seed))
 
     def reset(self, which: BoolArray) -> None:
@@ -103,6 +103,12 @@ def test_a_privileged_planner_is_told_each_scenario(scenarios):
     assert sorted(seeds) == sorted(seed for _, seed in insider.told)
     assert insider.told[0][0] == 0
     assert {b for b, _ in insider.told} == {0, 1}
+
+
+def test_the_ceiling_knows_what_comes(scenarios):
+    assert isinstance(make_planner('ceiling', scenarios[0]), Privileged)
+    (log,) = sail(Trial('ceiling', 'easy').make_planner, scenarios[:1], 1)
+    assert log.outcome == Outcome.SUCCESS
 
 
 def test_no_scenarios_give_no_logs():
