@@ -177,7 +177,7 @@ class PortNode(Node, Generic[P]):
         be used: in rclpy 7.1 an idle wait without an end turns into a busy loop that holds the lock of the
         queue, so that no message and no timer gets in. Waits with an end are sound.
         """
-        executor = EventsExecutor()
+        executor = EventsExecutor(context=self.context)
         executor.add_node(self)
         try:
             while self.context.ok() and not self._stopped and not self._done.done():
