@@ -227,7 +227,7 @@ def _keep(children: Layer, born: int, beam: Layer, width: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _cell(own: Array) -> int:
+def _cell(own: Array) -> np.int64:
     """Number of the cell of place, heading and speed that a state row lies in."""
     column, row = math.floor(own[X] / CELL_M), math.floor(own[Y] / CELL_M)
     sector = int((wrap_angle(own[YAW]) + math.pi) / CELL_RAD)

@@ -116,7 +116,7 @@ def _check(chart: Chart, crowd: Crowd, body: Body, model: VesselModel, due: Bool
         reach = radius + math.hypot(own[X] - seen[SEEN_X], own[Y] - seen[SEEN_Y])
         elapsed = (body.ticks[b] - seen[SEEN_TICK]) * TICK_S
         walls, buoys = chart.walls[b, : chart.wall_count[b]], chart.buoys[b, : chart.buoy_count[b]]
-        poses, goal = crowd.pose[b, : crowd.count[b]], chart.goal[b]
+        poses, goal = crowd.pose[b, : crowd.vessels[b]], chart.goal[b]
         near_vessel = seen[SEEN_VESSEL] <= reach + seen[SEEN_SPEED] * elapsed
         if seen[SEEN_QUAY] <= reach and quay_gap(walls, model, own, 0.0) <= 0.0:
             body.outcome[b] = QUAY
@@ -188,7 +188,7 @@ def sense_all(
     for b in range(len(body.own)):
         walls = chart.walls[b, : chart.wall_count[b]]
         buoys = chart.buoys[b, : chart.buoy_count[b]]
-        poses = crowd.pose[b, : crowd.count[b]]
+        poses = crowd.pose[b, : crowd.vessels[b]]
         own, ranges, seen = body.own[b], body.ranges[b], body.seen[b]
         ranges[:] = sensor.range_max_m
         seen[SEEN_X], seen[SEEN_Y], seen[SEEN_TICK] = own[X], own[Y], body.ticks[b]

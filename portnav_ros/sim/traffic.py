@@ -22,7 +22,7 @@ class Crowd(NamedTuple):
     """The other vessels of B environments, M at most in each, N tracks at most.
 
     points: [B, P, 3], offsets: [B, N + 1], origin, destination: [B, N] as in scenario.Tracks.
-    tracks, count: [B] numbers in use. hull: [B, M, 2] m. speed: [B, M] m/s. arrival: [B].
+    tracks, vessels: [B] numbers in use. hull: [B, M, 2] m. speed: [B, M] m/s. arrival: [B].
     seed: [B]. track, leg: [B, M]. progress: [B, M] m along the track. turn: [B, M] rad still to turn
     before sailing. pose: [B, M, 4] x, y, yaw, speed; NaN for a vessel that has vanished.
     """
@@ -32,7 +32,7 @@ class Crowd(NamedTuple):
     origin: IntArray
     destination: IntArray
     tracks: IntArray
-    count: IntArray
+    vessels: IntArray
     hull: Array
     speed: Array
     arrival: IntArray
@@ -51,7 +51,7 @@ def move_vessels(crowd: Crowd, moving: BoolArray, dt_s: float) -> None:
     for b in range(len(moving)):
         if not moving[b]:
             continue
-        for m in range(crowd.count[b]):
+        for m in range(crowd.vessels[b]):
             turn = crowd.turn[b, m]
             if turn != 0.0:
                 done = abs(turn) <= turn_step
@@ -93,7 +93,7 @@ def _take_new_track(crowd: Crowd, b: int, m: int) -> None:
 def place_vessels(crowd: Crowd, lead_s: Array) -> None:
     """Write the poses of all vessels as of `lead_s` [B] after they last moved."""
     for b in range(len(lead_s)):
-        for m in range(crowd.count[b]):
+        for m in range(crowd.vessels[b]):
             start = crowd.offsets[b, crowd.track[b, m]]
             last = crowd.offsets[b, crowd.track[b, m] + 1] - 1
             turn = crowd.turn[b, m]

@@ -151,10 +151,9 @@ class World:
         _load_chart(self._chart, b, scenario)
         _load_crowd(self._crowd, b, scenario.traffic)
         _load_body(self._body, b, scenario)
-        chart, crowd, body = (
-            type(group)(*(array[b : b + 1] for array in group))
-            for group in (self._chart, self._crowd, self._body)
-        )
+        chart = Chart._make(array[b : b + 1] for array in self._chart)
+        crowd = Crowd._make(array[b : b + 1] for array in self._crowd)
+        body = Body._make(array[b : b + 1] for array in self._body)
         kernels.sense_all(chart, crowd, body, self._model, self._rays, self._sensor)
 
     def tick(self, rudder_rad: Array, thrust_n: Array) -> None:
@@ -220,7 +219,7 @@ def _new_crowd(batch: int, capacity: Capacity) -> Crowd:
         origin=integers(tracks),
         destination=integers(tracks),
         tracks=integers(),
-        count=integers(),
+        vessels=integers(),
         hull=np.zeros((batch, vessels, 2)),
         speed=np.zeros((batch, vessels)),
         arrival=integers(),
@@ -252,7 +251,7 @@ def _load_crowd(crowd: Crowd, b: int, traffic: Traffic) -> None:
     _fill(crowd.hull[b], traffic.hull)
     _fill(crowd.speed[b], traffic.speed)
     _fill(crowd.track[b], traffic.track)
-    crowd.count[b] = _fill(crowd.progress[b], traffic.progress)
+    crowd.vessels[b] = _fill(crowd.progress[b], traffic.progress)
     crowd.arrival[b], crowd.seed[b] = int(traffic.arrival), traffic.seed
     crowd.leg[b], crowd.turn[b], crowd.pose[b] = 0, 0.0, np.nan
 
