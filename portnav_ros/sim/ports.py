@@ -28,6 +28,7 @@ from portnav_ros.sim.scenario import ScenarioError
 from portnav_ros.types import Array, Array32
 
 Interval = tuple[float, float]
+CHART_GRID_M = 0.01  # corners lie on it, as in a chart file: a port and its chart are equal
 GRID_M = 10.0  # cell of the grid on which ports are checked and routes are planned
 MAX_DRAWS = 400
 CANAL_STATIONS = 13
@@ -103,7 +104,7 @@ def make_port(params: PortParams, rng: np.random.Generator) -> Harbour:
         ScenarioError: berths or buoys find no room in the drawn water.
     """
     docks = section_docks(params, rng) if params.layout == 'sections' else basin_docks(params, rng)
-    water = shapely.union_all(docks)
+    water = shapely.set_precision(shapely.union_all(docks), CHART_GRID_M)
     bare = Harbour(params.layout, water)
     grid = bare.clearance(GRID_M)
     if params.layout == 'basins':

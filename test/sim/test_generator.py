@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from shapely.geometry import box
 
+from portnav_ros.charts import read_chart, write_geojson
 from portnav_ros.geometry import polyline_lengths
 from portnav_ros.harbour import Harbour
 from portnav_ros.params import ParamError
@@ -19,9 +20,14 @@ DIFFICULTIES = ('paper', 'harbour', 'easy')
 VESSELS = ('workboat', 'shuttle', 'cemt_i', 'cemt_iv', 'cemt_va', 'paper_literal')
 
 
+def _clearance(name):
+    """A named difficulty with paths that take no RRT*."""
+    return dataclasses.replace(load_difficulty(name), route='clearance')
+
+
 @pytest.fixture(scope='module')
 def harbour_difficulty():
-    return load_difficulty('harbour')
+    return _clearance('harbour')
 
 
 @pytest.fixture(scope='module')
@@ -78,7 +84,7 @@ def check_traffic(scenario, params):
 @pytest.mark.parametrize('name', DIFFICULTIES)
 @pytest.mark.parametrize('seed', range(4))
 def test_scenarios_keep_what_their_difficulty_promises(name, seed):
-    difficulty = load_difficulty(name)
+    difficulty = _clearance(name)
     scenario = make_scenario(difficulty, seed)
     assert (scenario.name, scenario.seed, len(scenario.traffic)) == (name, seed, 6)
     assert scenario.vessel == load_vessel(difficulty.vessel)
@@ -205,7 +211,7 @@ def test_bad_difficulty_names_file_and_key(tmp_path, text, message):
 def test_own_difficulty_overrides_only_what_it_names(tmp_path):
     file = tmp_path / 'own.yaml'
     file.write_text('traffic: {vessels: 2, arrival: vanish}\nport: {layout: sections}\n')
-    difficulty = load_difficulty(str(file))
+    difficulty = _clearance(str(file))
     assert difficulty.name == 'own'
     assert difficulty.port == PortParams(layout='sections')
     assert difficulty.traffic.vessels == 2
@@ -223,3 +229,24 @@ def test_vessel_file_is_read_over_the_defaults(tmp_path):
     file = tmp_path / 'tug.yaml'
     file.write_text('length_m: 30.0\nbeam_m: 11.0\n')
     assert load_vessel(file) == VesselParams(name='tug', length_m=30.0, beam_m=11.0)
+
+
+def test_rrt_star_changes_the_path_alone():
+    difficulty = load_difficulty('paper')
+    planned, cleared = make_scenario(difficulty, 3), make_scenario(_clearance('paper'), 3)
+    assert difficulty.route == 'rrt_star'
+    assert same(dataclasses.replace(planned, path=cleared.path), cleared)
+    assert not np.array_equal(planned.path, cleared.path)
+    grid = planned.harbour.clearance(10.0, buoys='charted')
+    assert least_clearance(grid, planned.path) >= difficulty.path.least_m - 5.0
+    assert np.array_equal(planned.path, make_scenario(difficulty, 3).path)
+
+
+def test_a_port_and_its_chart_file_have_the_same_walls(tmp_path):
+    harbour = make_scenario(_clearance('paper'), 1).harbour
+    write_geojson(harbour, tmp_path / 'chart.geojson')
+    written, made = (
+        {tuple(wall) for wall in np.round(h.walls, 6)}
+        for h in (read_chart(tmp_path / 'chart.geojson'), harbour)
+    )
+    assert written == made
