@@ -28,6 +28,7 @@ TICKING = ('odom', 'joint_states', 'cmd_actuators')
 # Nothing is acknowledged before each of these has a publisher that is heard.
 AWAITED = (*TICKING, 'scan', 'setpoint', 'targets')
 ACKNOWLEDGE_NS = 2_000_000_000
+REPEAT_S = 0.2
 ANSWERS = ('cmd_actuators', 'setpoint', 'setpoint_raw', 'navigation_state')
 POLL_S = 0.01  # queues are emptied in bulk, which costs half of waking up for each message
 QUEUE_DEPTH = 5000
@@ -64,7 +65,7 @@ class BagRecorder(PortNode[RecorderParams]):
         self._newest_ns = {number: 0 for number, topic in enumerate(topics) if topic.name in TICKING}
         by_name = zip(topics, self._queues, strict=True)
         self._awaited = [queue for topic, queue in by_name if topic.name in AWAITED]
-        self._acknowledged_ns = -1
+        self._acknowledged_ns, self._acknowledged_s = -1, 0.0
         self._acknowledgements = self.publisher('recorded')
         self._told = False
 
@@ -140,9 +141,10 @@ class BagRecorder(PortNode[RecorderParams]):
         if self._acknowledged_ns < 0 and not all(queue.get_publisher_count() for queue in self._awaited):
             return
         time_ns = min(self._newest_ns.values())
-        behind_ns = time_ns - self._acknowledged_ns
-        if behind_ns >= ACKNOWLEDGE_NS or (idle and behind_ns):
-            self._acknowledged_ns = time_ns
+        behind_ns, now_s = time_ns - self._acknowledged_ns, time.monotonic()
+        repeat = now_s - self._acknowledged_s > REPEAT_S  # the sim may not have heard the first
+        if behind_ns >= ACKNOWLEDGE_NS or (idle and behind_ns) or repeat:
+            self._acknowledged_ns, self._acknowledged_s = time_ns, now_s
             self._acknowledgements.publish(clock_message(time_ns))
             status_pipe.report(recorded_s=time_ns * 1e-9)
 
