@@ -27,12 +27,14 @@ from portnav_ros.types import SURGE, YAW, Array, Array32, BoolArray
 
 @dataclass(frozen=True)
 class SpaceTimeParams:
-    """The search: setpoints of the paper's range, held; beams tried one after the other."""
+    """The search: setpoints of the paper's range, held.
+
+    tries: time in s for which a setpoint is held and width of the beam, one try after the other.
+    """
 
     heading_change_deg: tuple[float, ...] = (-60.0, -20.0, 0.0, 20.0, 60.0)
     speed_mps: tuple[float, ...] = (1.0, 5.0)
-    hold_s: float = 20.0
-    widths: tuple[int, ...] = (16, 64, 512)
+    tries: tuple[tuple[float, int], ...] = ((20.0, 16), (20.0, 64), (10.0, 256), (20.0, 512))
     margin_m: float = 2.0
     lead_s: float = 15.0
     layer_s: float = 8.0
@@ -45,7 +47,6 @@ class SpaceTimeParams:
         """Refuse an empty search."""
         check_range(
             self,
-            hold_s=(1.0, 60.0),
             margin_m=(0.0, 50.0),
             lead_s=(0.0, 120.0),
             layer_s=(1.0, 60.0),
@@ -54,8 +55,8 @@ class SpaceTimeParams:
             weight=(0.0, 100.0),
             cruise=(0.1, 1.0),
         )
-        if not (self.heading_change_deg and self.speed_mps and self.widths):
-            raise ParamError('heading_change_deg, speed_mps and widths need at least one value each')
+        if not (self.heading_change_deg and self.speed_mps and self.tries):
+            raise ParamError('heading_change_deg, speed_mps and tries need at least one value each')
 
     def table(self) -> Array:
         """Heading change in rad and speed in m/s of each edge [A, 2]."""
@@ -70,14 +71,14 @@ class Plan(NamedTuple):
 
 
 def plan_episode(scenario: Scenario, params: SpaceTimeParams | None = None) -> Plan:
-    """Plan a whole episode; a wider beam follows where a narrow one finds nothing."""
+    """Plan a whole episode, with one try of the search after the other until one finds a way."""
     params = params or SpaceTimeParams()
     world = World([scenario])
     problem = _problem(scenario, world, params)
-    layers = math.ceil(scenario.time_limit_s / params.hold_s)
     plan = Plan(np.zeros((0, 2)), False)
-    for width in params.widths:
-        plan = Plan(*search(problem, world.own[0], width, layers))
+    for hold_s, width in params.tries:
+        problem = problem._replace(decisions=round(hold_s / DECISION_S))
+        plan = Plan(*search(problem, world.own[0], width, math.ceil(scenario.time_limit_s / hold_s)))
         if plan.arrives:
             break
     return plan
@@ -130,7 +131,7 @@ def _problem(scenario: Scenario, world: World, params: SpaceTimeParams) -> Probl
         poses,
         scenario.traffic.hull,
         params.table(),
-        round(params.hold_s / DECISION_S),
+        1,
         params.margin_m,
         params.lead_s,
     )

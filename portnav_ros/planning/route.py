@@ -66,11 +66,15 @@ def shortcut(grid: ClearanceGrid, points: Array, margin_m: float) -> Array:
     return dense[_visible_chain(grid, dense, margin_m)]
 
 
-def smooth(grid: ClearanceGrid, points: Array, margin_m: float, turn_radius_m: float) -> Array:
+def smooth(
+    grid: ClearanceGrid, points: Array, margin_m: float, turn_radius_m: float, comfort_m: float = 0.0
+) -> Array:
     """Bend a route [W, 2] into a curve of about the given radius, where there is room.
 
-    The curve is a beam under tension (length scale ``turn_radius_m``) between fixed ends; it relaxes
-    by over-relaxed Gauss-Seidel sweeps, coarse to fine. A point moves only if the legs at it keep
+    The curve is a beam under tension (length scale ``turn_radius_m``) between fixed ends, pushed off
+    obstacles nearer than ``margin_m + comfort_m`` (an elastic band: Quinlan and Khatib 1993, ICRA; a
+    metre costs 1 + q^2, where q falls from 1 at the margin to 0 at the edge of comfort). It relaxes by
+    over-relaxed Gauss-Seidel sweeps, coarse to fine. A point moves only if the legs at it keep
     ``margin_m``, or at least what they kept before.
 
     Returns:
@@ -81,7 +85,7 @@ def smooth(grid: ClearanceGrid, points: Array, margin_m: float, turn_radius_m: f
         spacing_m = scale * PATH_SPACING_M
         curve = _densify(curve, spacing_m)
         if len(curve) > 2:
-            _relax(grid, curve, margin_m, (turn_radius_m / spacing_m) ** 2)
+            _relax(grid, curve, margin_m, (turn_radius_m / spacing_m) ** 2, comfort_m, spacing_m)
     return resample_polyline(curve, PATH_SPACING_M)
 
 
@@ -115,8 +119,10 @@ def _visible_chain(grid: ClearanceGrid, points: Array, margin: float) -> Array:
 
 
 @njit(cache=True)
-def _relax(grid: ClearanceGrid, curve: Array, margin: float, stiffness: float) -> None:
-    """Minimise sum |dp|^2 + stiffness |d2p|^2 over the inner points of a curve [W, 2], in place.
+def _relax(
+    grid: ClearanceGrid, curve: Array, margin: float, stiffness: float, comfort: float, spacing: float
+) -> None:
+    """Minimise sum |dp|^2 + stiffness |d2p|^2 + 2 (spacing q)^2 over the inner points of a curve, in place.
 
     The legs' clearances are kept in ``kept`` so that each is looked up once.
     """
@@ -127,23 +133,37 @@ def _relax(grid: ClearanceGrid, curve: Array, margin: float, stiffness: float) -
     for sweep in range(SWEEPS):
         for k in range(1, count - 1):
             i = k if sweep % 2 == 0 else count - 1 - k
-            x, y = _rest(curve, i, stiffness)
+            push_x, push_y = _push(grid, curve[i, 0], curve[i, 1], margin, comfort, spacing)
+            x, y = _rest(curve, i, stiffness, push_x, push_y)
             for share in (OVER_RELAXATION, 0.5, 0.1):
                 if _move(grid, curve, kept, margin, i, share * (x - curve[i, 0]), share * (y - curve[i, 1])):
                     break
 
 
 @njit(cache=True, inline='always')
-def _rest(curve: Array, i: int, stiffness: float) -> tuple[float, float]:
-    """Where inner point i would lie at rest, its neighbours held."""
+def _push(
+    grid: ClearanceGrid, x: float, y: float, margin: float, comfort: float, spacing: float
+) -> tuple[float, float]:
+    """Force that drives a point to where it has ``margin + comfort`` of clearance."""
+    closeness = min((margin + comfort - clearance_at(grid, x, y)) / comfort, 1.0) if comfort > 0.0 else 0.0
+    if closeness <= 0.0:
+        return 0.0, 0.0
+    step = grid.resolution_m
+    slope_x = (clearance_at(grid, x + step, y) - clearance_at(grid, x - step, y)) / (2.0 * step)
+    slope_y = (clearance_at(grid, x, y + step) - clearance_at(grid, x, y - step)) / (2.0 * step)
+    force = 2.0 * spacing * spacing * closeness / comfort
+    return force * slope_x, force * slope_y
+
+
+@njit(cache=True, inline='always')
+def _rest(curve: Array, i: int, stiffness: float, push_x: float, push_y: float) -> tuple[float, float]:
+    """Where inner point i would lie at rest, its neighbours and the push held."""
     count = len(curve)
-    x = curve[i - 1, 0] + curve[i + 1, 0]
-    y = curve[i - 1, 1] + curve[i + 1, 1]
-    weight = 2.0
     # d2p at i is in the energy always; d2p at a neighbour only where that is an inner point.
-    x += 2.0 * stiffness * x
-    y += 2.0 * stiffness * y
-    weight += 4.0 * stiffness
+    share = 1.0 + 2.0 * stiffness
+    x = share * (curve[i - 1, 0] + curve[i + 1, 0]) + push_x
+    y = share * (curve[i - 1, 1] + curve[i + 1, 1]) + push_y
+    weight = 2.0 * share
     if i >= 2:
         x += stiffness * (2.0 * curve[i - 1, 0] - curve[i - 2, 0])
         y += stiffness * (2.0 * curve[i - 1, 1] - curve[i - 2, 1])

@@ -54,7 +54,8 @@ class RrtStarParams:
 
     iterations: spent on every plan. iterations_max: spent at most until a first path is found.
     range_m: longest edge of the tree. snap_m: how far start and goal may lie from water that the
-    hull clears. turn_radius_m: what corners are widened to where there is room.
+    hull clears. turn_radius_m: what corners are widened to where there is room. comfort_m: clearance
+    beyond the hull's that the smoothed path takes where it costs little.
     """
 
     iterations: int = 5000
@@ -65,6 +66,7 @@ class RrtStarParams:
     resolution_m: float = 5.0
     snap_m: float = 100.0
     turn_radius_m: float = 150.0
+    comfort_m: float = 60.0
 
     def __post_init__(self) -> None:
         """Refuse values with which no search ends."""
@@ -78,6 +80,7 @@ class RrtStarParams:
             resolution_m=(0.1, 100.0),
             snap_m=(0.0, 1000.0),
             turn_radius_m=(0.0, 5000.0),
+            comfort_m=(0.0, 5000.0),
         )
 
 
@@ -164,10 +167,10 @@ def plan_in(
         raise PlanError(
             PlanFailure.TIMEOUT, f'no path within {search.iterations} iterations or {params.time_limit_s} s'
         )
-    return refine(space, ends, search.path(), params.turn_radius_m)
+    return refine(space, ends, search.path(), params)
 
 
-def refine(space: PlanSpace, ends: Ends, path: Array, turn_radius_m: float) -> Array:
+def refine(space: PlanSpace, ends: Ends, path: Array, params: RrtStarParams) -> Array:
     """Shorten and smooth what the search found, and join it to start and goal."""
     short = shortcut(space.grid, path, space.margin_m)
     points = np.vstack([ends.start, short, ends.goal])
@@ -175,7 +178,7 @@ def refine(space: PlanSpace, ends: Ends, path: Array, turn_radius_m: float) -> A
     points = points[np.concatenate(([True], steps > SAME_PLACE_M))]
     points = np.vstack([points, ends.goal]) if len(points) == 1 else points
     points[-1] = ends.goal
-    return smooth(space.grid, points, space.margin_m, turn_radius_m)
+    return smooth(space.grid, points, space.margin_m, params.turn_radius_m, params.comfort_m)
 
 
 def find_ends(

@@ -161,20 +161,25 @@ def _lay_path(
     harbour: Harbour, mission: Mission, difficulty: Difficulty, seed: int, route: Route | None
 ) -> Mission:
     """Replace the clearance route by that of the planner asked for; the start's heading stays."""
-    if route is None and difficulty.route == 'clearance':
+    if route is not None:
+        points = route(harbour, mission.start[:2], mission.goal, seed)
+        return mission._replace(path=resample_polyline(points, PATH_SPACING_M))
+    if difficulty.route == 'clearance':
         return mission
-    planner = route or _rrt_star(difficulty)
-    points = planner(harbour, mission.start[:2], mission.goal, seed)
-    return mission._replace(path=resample_polyline(points, PATH_SPACING_M))
+    return mission._replace(path=_rrt_star(harbour, mission.start[:2], mission.goal, difficulty, seed))
 
 
-def _rrt_star(difficulty: Difficulty) -> Route:
+def _rrt_star(
+    harbour: Harbour,
+    start: tuple[float, float],
+    goal: tuple[float, float],
+    difficulty: Difficulty,
+    seed: int,
+) -> Array:
+    """Plan as the global planner node does by default, so that the path is the same to the bit."""
     from portnav_ros.planning.rrt_star import RrtStarParams, plan_route  # ompl loads slowly
 
-    def route(harbour: Harbour, start: tuple[float, float], goal: tuple[float, float], seed: int) -> Array:
-        return plan_route(harbour, start, goal, RrtStarParams(), difficulty.path.least_m, seed)
-
-    return route
+    return plan_route(harbour, start, goal, RrtStarParams(), difficulty.path.least_m, seed)
 
 
 def _compose(

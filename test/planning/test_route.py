@@ -90,3 +90,12 @@ def test_a_leg_that_lies_closer_than_the_margin_is_not_made_worse(corner: Cleara
     np.testing.assert_array_equal(curve[0], berth[0])
     assert route_clearance(corner, curve) >= 4.0
     assert route_clearance(corner, curve[8:]) >= MARGIN_M - 0.5
+
+
+def test_comfort_takes_a_route_off_the_quay_where_there_is_room(corner: ClearanceGrid) -> None:
+    along = np.array([[375.0, 1100.0], [375.0, 500.0]])
+    close = smooth(corner, along, MARGIN_M, 100.0)
+    wide = smooth(corner, along, MARGIN_M, 100.0, comfort_m=60.0)
+    assert close[:, 0].min() == pytest.approx(375.0, abs=1e-6)
+    assert wide[len(wide) // 2, 0] < 355.0
+    assert route_length(wide) < 1.03 * route_length(close)
