@@ -27,8 +27,9 @@ from portnav_ros.nodes.messages import (
 )
 from portnav_ros.nodes.runtime import Health, PortNode, run_node
 from portnav_ros.params import ParamError, check_range
-from portnav_ros.planning.rrt_star import PlanCancelledError, PlanError, RrtStarParams
-from portnav_ros.planning.worker import PlanWorker, Point, WorkerDiedError
+from portnav_ros.planning.plan_space import PlanError, Point
+from portnav_ros.planning.rrt_star import PlanCancelledError, RrtStarParams
+from portnav_ros.planning.worker import PlanWorker, WorkerDiedError
 from portnav_ros.types import Array
 
 NO_PATH = np.zeros((0, 2))

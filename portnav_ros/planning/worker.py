@@ -24,19 +24,9 @@ from typing import NamedTuple
 from shapely.geometry import box
 
 from portnav_ros.harbour import Harbour
-from portnav_ros.planning.rrt_star import (
-    PlanCancelledError,
-    PlanError,
-    PlanFailure,
-    PlanSpace,
-    RrtStarParams,
-    plan_in,
-    plan_route,
-    prepare,
-)
+from portnav_ros.planning.plan_space import PlanError, PlanFailure, PlanSpace, Point, prepare
+from portnav_ros.planning.rrt_star import PlanCancelledError, RrtStarParams, plan_in, plan_route
 from portnav_ros.types import Array
-
-Point = tuple[float, float]
 
 _CHILD = 'import sys; from portnav_ros.planning.worker import serve; serve(int(sys.argv[1]))'
 _GONE = (EOFError, OSError)  # what the other end of a connection leaves behind

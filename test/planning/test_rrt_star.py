@@ -9,15 +9,13 @@ from shapely.geometry import box
 from portnav_ros.harbour import Harbour
 from portnav_ros.params import ParamError
 from portnav_ros.planning import rrt_star
+from portnav_ros.planning.plan_space import PlanError, PlanSpace, prepare
 from portnav_ros.planning.route import PATH_SPACING_M, route_clearance, route_length
 from portnav_ros.planning.rrt_star import (
     PlanCancelledError,
-    PlanError,
-    PlanSpace,
     RrtStarParams,
     plan_in,
     plan_route,
-    prepare,
 )
 
 PARAMS = RrtStarParams(iterations=2000)
@@ -28,7 +26,7 @@ START, GOAL = (100.0, 900.0), (1900.0, 900.0)
 def docks() -> Harbour:
     """A canal with two basins to its north, a quay wall of 20 m between them, and one charted buoy."""
     water = box(0, 0, 2000, 300) | box(0, 290, 400, 1000) | box(1600, 290, 2000, 1000)
-    buoys = np.array([[1000.0, 150.0, 5.0], [700.0, 150.0, 5.0]])
+    buoys = np.array([[1000.0, 150.0, 5.0], [1500.0, 150.0, 5.0]])
     return Harbour('docks', water, buoys, charted=np.array([True, False]))
 
 

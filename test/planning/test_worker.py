@@ -10,7 +10,8 @@ import pytest
 from shapely.geometry import box
 
 from portnav_ros.harbour import Harbour
-from portnav_ros.planning.rrt_star import PlanCancelledError, PlanError, RrtStarParams, plan_route
+from portnav_ros.planning.plan_space import PlanError
+from portnav_ros.planning.rrt_star import PlanCancelledError, RrtStarParams, plan_route
 from portnav_ros.planning.worker import PlanWorker, WorkerDiedError
 
 PARAMS = RrtStarParams(iterations=1000)
