@@ -108,9 +108,9 @@ class Recording:
         self._order.push(stamp, topic, data)
         return stamp
 
-    def file(self) -> None:
-        """Write what is older than the margin; to be called when every queue has been emptied."""
-        self._file(self._newest_ns - self._margin_ns)
+    def file(self, complete_ns: int) -> None:
+        """Write what is older than the margin before a time up to which everything is said to have come."""
+        self._file(complete_ns - self._margin_ns)
 
     def close(self) -> None:
         """Write the rest and complete the bag."""

@@ -23,10 +23,18 @@ from portnav_ros.nodes.runtime import Health, PortNode, run_node
 from portnav_ros.nodes.topics import TOPICS, Topic, asked_qos
 from portnav_ros.params import ParamError
 
-# Published at every tick: what came of all of them is the time up to which nothing is missing.
-TICKING = ('odom', 'joint_states', 'cmd_actuators')
+# How far, in ns, the newest message of a topic may be behind time while nothing of it is missing.
+SLACK_NS = {
+    'odom': 0,
+    'joint_states': 0,
+    'cmd_actuators': 0,
+    'scan': 50_000_000,
+    'targets': 5_000_000_000,
+    'setpoint': 5_000_000_000,
+    'navigation_state': 5_000_000_000,
+}
 # Nothing is acknowledged before each of these has a publisher that is heard.
-AWAITED = (*TICKING, 'scan', 'setpoint', 'targets')
+AWAITED = ('odom', 'joint_states', 'cmd_actuators', 'scan', 'targets', 'setpoint')
 ACKNOWLEDGE_NS = 2_000_000_000
 REPEAT_S = 0.2
 ANSWERS = ('cmd_actuators', 'setpoint', 'setpoint_raw', 'navigation_state')
@@ -59,19 +67,27 @@ class BagRecorder(PortNode[RecorderParams]):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('bag_recorder', RecorderParams(), **options)
+        params = self.params
         topics = [topic for topic in TOPICS.values() if topic.recorded]
         self._queues = [self._queue(number, topic) for number, topic in enumerate(topics)]
         self._recording = self._open(topics)
-        self._newest_ns = {number: 0 for number, topic in enumerate(topics) if topic.name in TICKING}
+        regular = SLACK_NS if params.lock_step else ('odom',)
+        self._slack_ns = {n: SLACK_NS[topic.name] for n, topic in enumerate(topics) if topic.name in regular}
+        self._complete_ns: dict[int, int] = {}  # of each regular topic that was heard
         by_name = zip(topics, self._queues, strict=True)
         self._awaited = [queue for topic, queue in by_name if topic.name in AWAITED]
         self._acknowledged_ns, self._acknowledged_s = -1, 0.0
         self._acknowledgements = self.publisher('recorded')
         self._told = False
 
+    @property
+    def _time_ns(self) -> int:
+        """Up to when nothing is missing."""
+        return min(self._complete_ns.values(), default=0)
+
     def tick(self) -> int:
         """Empty every queue once and file what is due; returns how many messages there were."""
-        self._recording.file()
+        self._recording.file(self._time_ns)
         taken = sum(self._empty(number, queue) for number, queue in enumerate(self._queues))
         self._acknowledge(idle=not taken)
         if self._recording.failure and not self._told:
@@ -133,14 +149,14 @@ class BagRecorder(PortNode[RecorderParams]):
 
     def _take(self, number: int, data: bytes) -> None:
         stamp = self._recording.push(number, data)
-        if number in self._newest_ns:
-            self._newest_ns[number] = stamp
+        if number in self._slack_ns:
+            self._complete_ns[number] = stamp + self._slack_ns[number]
 
     def _acknowledge(self, idle: bool) -> None:
         """Tell sim and bringup up to which time nothing is missing."""
         if self._acknowledged_ns < 0 and not all(queue.get_publisher_count() for queue in self._awaited):
             return
-        time_ns = min(self._newest_ns.values())
+        time_ns = self._time_ns
         behind_ns, now_s = time_ns - self._acknowledged_ns, time.monotonic()
         repeat = now_s - self._acknowledged_s > REPEAT_S  # the sim may not have heard the first
         if behind_ns >= ACKNOWLEDGE_NS or (idle and behind_ns) or repeat:

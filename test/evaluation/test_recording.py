@@ -36,10 +36,12 @@ def status(**values: object) -> bytes:
 
 def record(path, messages, every: int = 7) -> Recording:
     recording = Recording(path, 'sqlite3', TOPICS, {}, 2 * SECOND_NS)
+    newest_ns = 0
     for number, (topic, data) in enumerate(messages):
-        recording.push(topic, data)
+        stamp = recording.push(topic, data)
+        newest_ns = stamp if topic == 0 else newest_ns
         if number % every == 0:
-            recording.file()
+            recording.file(newest_ns)
     recording.close()
     return recording
 
@@ -121,8 +123,7 @@ def test_a_disk_that_refuses_ends_the_recording_only(tmp_path, monkeypatch):
     for k in range(40):
         if k == 30:
             monkeypatch.setattr(bag_writer.BagWriter, 'write', refuse)
-        recording.push(0, pose(k * SECOND_NS))
-        recording.file()
+        recording.file(recording.push(0, pose(k * SECOND_NS)))
     recording.close()
     assert 'no space left' in recording.failure
     assert next(refusals) == 1
