@@ -12,7 +12,7 @@ from portnav_ros.nodes.messages import read_values
 from portnav_ros.nodes.topics import TOPICS, offered_qos
 
 DOMAINS = itertools.cycle(range(30, 50))
-WAIT_S = 60.0
+WAIT_S = 30.0
 
 
 class Graph:
@@ -94,3 +94,6 @@ def graph(monkeypatch):
     graph = Graph()
     yield graph
     graph.close()
+
+
+another_graph = graph

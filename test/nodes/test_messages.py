@@ -26,7 +26,10 @@ def travel(message):
     return deserialize_message(serialize_message(message), type(message))
 
 
-def odometry(state=VesselState(1.0, 2.0, 0.3, 4.0, 0.05), time_ns=0):
+STATE = VesselState(1.0, 2.0, 0.3, 4.0, 0.05)
+
+
+def odometry(state=STATE, time_ns=0):
     message = messages.new_odometry()
     messages.fill_odometry(message, time_ns, state)
     return message

@@ -1,0 +1,138 @@
+"""The autopilot as a node: an answer for every odometry, a stop where a setpoint is missing or old."""
+
+import math
+
+import pytest
+
+from portnav_ros.nodes.messages import (
+    fill_odometry,
+    fill_setpoint,
+    new_odometry,
+    new_setpoint,
+    read_joints,
+    read_stamp,
+)
+from portnav_ros.nodes.pid_controller import PidController
+from portnav_ros.types import Setpoint, VesselState
+
+TICK_NS = 50_000_000
+SECOND_NS = 1_000_000_000
+
+
+def odometry(time_ns, yaw=0.0, surge=3.0):
+    message = new_odometry()
+    fill_odometry(message, time_ns, VesselState(0.0, 0.0, yaw, surge))
+    return message
+
+
+def setpoint(time_ns, yaw=0.5, speed=3.0):
+    message = new_setpoint()
+    fill_setpoint(message, time_ns, Setpoint(yaw, speed))
+    return message
+
+
+@pytest.fixture
+def controller(graph):
+    return start(graph, odom_age_s=60.0)
+
+
+def start(graph, **parameters):
+    graph.listen('cmd_actuators', 'diagnostics')
+    node = graph.add(PidController, **parameters)
+    graph.publish('odom', odometry(0))
+    return node
+
+
+def answer(graph, time_ns):
+    return read_joints(graph.last('cmd_actuators', lambda m: read_stamp(m.header.stamp) == time_ns))
+
+
+def steer_to(graph, time_ns, **wanted):
+    """Send a setpoint and wait until it is in force, told by a rudder that is laid."""
+    graph.publish('setpoint', setpoint(time_ns, **wanted))
+    graph.last('cmd_actuators', lambda m: read_joints(m).rudder_rad != 0.0)
+
+
+def test_the_rudder_turns_towards_the_setpoint(graph, controller):
+    steer_to(graph, 0, yaw=0.5)
+    graph.publish('odom', odometry(TICK_NS))
+    assert answer(graph, TICK_NS).rudder_rad > 0.0
+    graph.publish('odom', odometry(2 * TICK_NS, yaw=1.0))
+    assert answer(graph, 2 * TICK_NS).rudder_rad < 0.0
+
+
+def test_without_a_setpoint_the_vessel_is_stopped(graph, controller):
+    graph.publish('odom', odometry(TICK_NS, surge=3.0))
+    command = answer(graph, TICK_NS)
+    assert command.thrust_n < 0.0
+    assert command.rudder_rad == pytest.approx(0.0)
+    graph.status('pid_controller', lambda status: status.message == 'stop: no setpoint yet')
+
+
+def test_an_old_setpoint_gives_a_stop_that_keeps_the_heading(graph, controller):
+    steer_to(graph, 0)
+    graph.publish('odom', odometry(1_500_000_000))
+    assert answer(graph, 1_500_000_000).thrust_n > 0.0
+    graph.publish('odom', odometry(1_550_000_000, yaw=0.2))
+    assert answer(graph, 1_550_000_000).thrust_n < 0.0
+    graph.publish('odom', odometry(1_600_000_000, yaw=0.1))
+    assert answer(graph, 1_600_000_000).rudder_rad > 0.0
+    graph.status('pid_controller', lambda status: status.message == 'stop: setpoint too old')
+
+
+@pytest.mark.parametrize(
+    ('message', 'reason'),
+    [(setpoint(0, speed=math.nan), 'not finite'), (setpoint(SECOND_NS), 'future')],
+)
+def test_a_bad_setpoint_is_refused_and_counted(graph, controller, message, reason):
+    graph.until(lambda: graph.heard['cmd_actuators'])
+    graph.publish('setpoint', message)
+    _, _, values = graph.status(
+        'pid_controller', lambda s: any(v.key == 'refused_setpoint' for v in s.values)
+    )
+    assert values['refused_setpoint'] == '1'
+    assert values['setpoint_ns'] == '-1'
+
+
+def test_an_odometry_that_is_not_finite_gets_no_answer(graph, controller):
+    graph.publish('odom', odometry(TICK_NS, surge=math.inf))
+    graph.publish('odom', odometry(2 * TICK_NS))
+    answer(graph, 2 * TICK_NS)
+    assert TICK_NS not in [read_stamp(m.header.stamp) for m in graph.heard['cmd_actuators']]
+    assert controller.refused['odom'] == 1
+
+
+def test_a_silent_driver_gets_neutral(graph):
+    start(graph)
+    steer_to(graph, 0)
+    graph.last('cmd_actuators', lambda m: read_joints(m) == (0.0, 0.0))
+    graph.status('pid_controller', lambda status: 'odometry too old' in status.message)
+
+
+def test_a_clock_that_jumps_back_begins_anew(graph, controller):
+    steer_to(graph, 0)
+    graph.publish('odom', odometry(TICK_NS))
+    graph.publish('odom', odometry(0))
+    graph.status('pid_controller', lambda status: status.message == 'stop: no setpoint yet')
+
+
+def test_in_lock_step_the_answer_waits_for_the_setpoint_of_the_decision(graph):
+    start(graph, lock_step=True)
+    graph.publish('setpoint', setpoint(0))
+    answer(graph, 0)
+    graph.publish('odom', odometry(SECOND_NS - TICK_NS))
+    answer(graph, SECOND_NS - TICK_NS)
+    graph.publish('odom', odometry(SECOND_NS))
+    graph.status('pid_controller', lambda s: s.values[0].value == str(SECOND_NS))
+    assert SECOND_NS not in [read_stamp(m.header.stamp) for m in graph.heard['cmd_actuators']]
+    graph.publish('setpoint', setpoint(SECOND_NS))
+    answer(graph, SECOND_NS)
+
+
+def test_a_repeated_odometry_gets_the_same_answer(graph):
+    start(graph, lock_step=True, **{'autopilot.heading_ki': 5.0})
+    graph.publish('setpoint', setpoint(0, yaw=0.01))
+    first = answer(graph, 0)
+    graph.publish('odom', odometry(0))
+    graph.until(lambda: len(graph.heard['cmd_actuators']) > 1)
+    assert read_joints(graph.heard['cmd_actuators'][-1]) == first
