@@ -194,6 +194,7 @@ def _parameters(
         'lidar': dataclasses.asdict(scenario.lidar),
         'goal_radius_m': scenario.goal_radius_m,
     }
+    route = load_difficulty(options.difficulty).path
     own: Configuration = {
         'sim': {
             **world,
@@ -203,7 +204,8 @@ def _parameters(
         'global_planner': {
             'chart': str((out / bag_episode.CHART).resolve()),
             'seed': options.seed,
-            'hull_clearance_m': load_difficulty(options.difficulty).path.least_m,
+            'hull_clearance_m': route.least_m,
+            'rrt_star': {'comfort_m': route.comfort_m},
         },
         f'{options.planner}{PLANNER_SUFFIX}': sensing,
         'pid_controller': vessel,

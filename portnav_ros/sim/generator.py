@@ -176,10 +176,11 @@ def _rrt_star(
     difficulty: Difficulty,
     seed: int,
 ) -> Array:
-    """Plan as the global planner node does by default, so that the path is the same to the bit."""
+    """Plan as the global planner node does under the bringup, so that the path is the same to the bit."""
     from portnav_ros.planning.rrt_star import RrtStarParams, plan_route  # ompl loads slowly
 
-    return plan_route(harbour, start, goal, RrtStarParams(), difficulty.path.least_m, seed)
+    params = RrtStarParams(comfort_m=difficulty.path.comfort_m)
+    return plan_route(harbour, start, goal, params, difficulty.path.least_m, seed)
 
 
 def _compose(
