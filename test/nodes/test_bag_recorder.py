@@ -45,6 +45,18 @@ def driver(monkeypatch):
     context.try_shutdown()
 
 
+STARTED: list[subprocess.Popen] = []
+
+
+@pytest.fixture(autouse=True)
+def _leave_no_process():
+    yield
+    for process in STARTED:
+        process.kill()
+        process.wait()
+    STARTED.clear()
+
+
 def start(tmp_path, domain: int = 51, **parameters: object) -> subprocess.Popen:
     """Start a recorder and wait until it says that it is ready."""
     values = {'bag': str(tmp_path / 'bag'), 'lock_step': True} | parameters
@@ -58,6 +70,7 @@ def start(tmp_path, domain: int = 51, **parameters: object) -> subprocess.Popen:
         stderr=subprocess.PIPE,
         text=True,
     )
+    STARTED.append(process)
     os.close(writer)
     with os.fdopen(reader) as pipe:
         ready = pipe.readline()
