@@ -18,7 +18,6 @@ from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, LaserScan
-from visualization_msgs.msg import Marker, MarkerArray
 
 from portnav_ros.geometry import polyline_yaws
 from portnav_ros.harbour import ClearanceGrid
@@ -27,8 +26,7 @@ from portnav_ros.sim.scenario import LidarParams
 from portnav_ros.types import Actuation, Array, Array32, Scan, Setpoint, VesselState
 
 SECOND_NS = 1_000_000_000
-RUDDER_JOINT, PROPULSION_JOINT = 'rudder', 'propulsion'
-JOINTS = [RUDDER_JOINT, PROPULSION_JOINT]
+JOINTS = ['rudder', 'propulsion']
 OCCUPIED = 100
 CDR_PREAMBLE = 4  # bytes before the first field; the second tells the byte order
 
@@ -83,16 +81,12 @@ def new_odometry(
 
     Args:
         child_frame: what moves.
-        pose_deviation: standard deviation of x and y in m and of yaw in rad.
-        twist_deviation: of surge in m/s and yaw rate in rad/s.
+        pose_deviation: standard deviation in m and rad; twist_deviation: in m/s and rad/s.
     """
     message = Odometry(child_frame_id=child_frame)
     message.header.frame_id = MAP_FRAME
-    for covariance, deviation in (
-        (message.pose.covariance, pose_deviation),
-        (message.twist.covariance, twist_deviation),
-    ):
-        covariance[0] = covariance[7] = covariance[35] = deviation * deviation
+    for part, deviation in ((message.pose, pose_deviation), (message.twist, twist_deviation)):
+        part.covariance[[0, 7, 35]] = deviation * deviation
     return message
 
 
@@ -132,8 +126,7 @@ def fill_setpoint(
     write_stamp(message.header.stamp, time_ns)
     write_yaw(message.pose.pose.orientation, setpoint.yaw_rad)
     message.twist.twist.linear.x = float(setpoint.speed_mps)
-    position = message.pose.pose.position
-    position.x, position.y = float(look_ahead[0]), float(look_ahead[1])
+    message.pose.pose.position = Point(x=float(look_ahead[0]), y=float(look_ahead[1]))
 
 
 def read_setpoint(message: Odometry) -> Setpoint:
@@ -220,7 +213,7 @@ def path_message(points: Array, time_ns: int) -> Path:
     message.header.frame_id = MAP_FRAME
     write_stamp(message.header.stamp, time_ns)
     yaws = polyline_yaws(points) if len(points) > 1 else np.zeros(len(points))
-    message.poses = [_pose_stamped(x, y, yaw, time_ns) for (x, y), yaw in zip(points, yaws, strict=True)]
+    message.poses = [pose_message(x, y, yaw, time_ns) for (x, y), yaw in zip(points, yaws, strict=True)]
     return message
 
 
@@ -239,9 +232,19 @@ def read_path(message: Path) -> Array:
     return points
 
 
+def new_pose(x_m: float, y_m: float, yaw_rad: float) -> Pose:
+    """Return a pose with a turn about the vertical axis."""
+    pose = Pose(position=Point(x=float(x_m), y=float(y_m)))
+    write_yaw(pose.orientation, float(yaw_rad))
+    return pose
+
+
 def pose_message(x_m: float, y_m: float, yaw_rad: float, time_ns: int) -> PoseStamped:
     """Return a pose in the map frame, such as a goal."""
-    return _pose_stamped(x_m, y_m, yaw_rad, time_ns)
+    message = PoseStamped(pose=new_pose(x_m, y_m, yaw_rad))
+    message.header.frame_id = MAP_FRAME
+    write_stamp(message.header.stamp, time_ns)
+    return message
 
 
 def read_pose(message: PoseStamped) -> tuple[float, float, float]:
@@ -251,8 +254,7 @@ def read_pose(message: PoseStamped) -> tuple[float, float, float]:
         MessageError: another frame than ``map``, or a value that is not finite.
     """
     _check_frame(message.header.frame_id, MAP_FRAME)
-    position = message.pose.position
-    pose = (position.x, position.y, read_yaw(message.pose.orientation))
+    pose = message.pose.position.x, message.pose.position.y, read_yaw(message.pose.orientation)
     _check_finite('pose', pose)
     return pose
 
@@ -277,28 +279,6 @@ def occupancy_message(grid: ClearanceGrid, time_ns: int) -> OccupancyGrid:
     return message
 
 
-def hull_marker(
-    number: int, x_m: float, y_m: float, yaw_rad: float, size_m: Sequence[float], colour: Sequence[float]
-) -> Marker:
-    """Return a box of length and beam at a pose; colour is red, green, blue in [0, 1]."""
-    marker = _marker('hulls', number, Marker.CUBE, colour)
-    marker.pose = _pose(x_m, y_m, yaw_rad)
-    marker.scale.x, marker.scale.y, marker.scale.z = float(size_m[0]), float(size_m[1]), 3.0
-    return marker
-
-
-def buoy_markers(buoys: Array) -> MarkerArray:
-    """Return a cylinder for each buoy [K, 3]: x, y, radius in m."""
-    message = MarkerArray()
-    for number, (x, y, radius) in enumerate(buoys):
-        marker = _marker('buoys', number, Marker.CYLINDER, (1.0, 0.5, 0.0))
-        marker.pose = _pose(x, y, 0.0)
-        marker.scale.x = marker.scale.y = 2.0 * float(radius)
-        marker.scale.z = 3.0
-        message.markers.append(marker)
-    return message
-
-
 def status_message(name: str, level: bytes, text: str, values: Mapping[str, object]) -> DiagnosticStatus:
     """Return a status; values become their text."""
     pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
@@ -308,27 +288,6 @@ def status_message(name: str, level: bytes, text: str, values: Mapping[str, obje
 def read_values(message: DiagnosticStatus) -> dict[str, str]:
     """Return the key-value pairs of a status."""
     return {pair.key: pair.value for pair in message.values}
-
-
-def _pose(x_m: float, y_m: float, yaw_rad: float) -> Pose:
-    pose = Pose(position=Point(x=float(x_m), y=float(y_m)))
-    write_yaw(pose.orientation, float(yaw_rad))
-    return pose
-
-
-def _pose_stamped(x_m: float, y_m: float, yaw_rad: float, time_ns: int) -> PoseStamped:
-    message = PoseStamped(pose=_pose(x_m, y_m, yaw_rad))
-    message.header.frame_id = MAP_FRAME
-    write_stamp(message.header.stamp, time_ns)
-    return message
-
-
-def _marker(namespace: str, number: int, kind: int, colour: Sequence[float]) -> Marker:
-    marker = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD)
-    marker.header.frame_id = MAP_FRAME
-    marker.color.r, marker.color.g, marker.color.b = (float(part) for part in colour)
-    marker.color.a = 1.0
-    return marker
 
 
 def _check_frame(frame: str, expected: str) -> None:

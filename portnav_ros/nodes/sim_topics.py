@@ -10,12 +10,11 @@ from rosgraph_msgs.msg import Clock
 from visualization_msgs.msg import MarkerArray
 
 from portnav_ros.nodes import status_pipe
+from portnav_ros.nodes.markers import buoy_markers, hull_marker
 from portnav_ros.nodes.messages import (
-    buoy_markers,
     fill_joints,
     fill_odometry,
     fill_scan,
-    hull_marker,
     nanoseconds,
     new_joints,
     new_odometry,

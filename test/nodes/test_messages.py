@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
 from portnav_ros.harbour import ClearanceGrid
-from portnav_ros.nodes import messages
+from portnav_ros.nodes import markers, messages
 from portnav_ros.nodes.messages import MessageError
 from portnav_ros.sim.scenario import LidarParams
 from portnav_ros.types import Actuation, Setpoint, VesselState
@@ -98,8 +98,8 @@ def test_the_map_is_occupied_where_there_is_no_water():
 
 
 def test_markers_have_the_size_of_what_they_show():
-    hull = messages.hull_marker(3, 1.0, 2.0, 0.5, (20.0, 5.0), (1.0, 0.0, 0.0))
-    buoy = messages.buoy_markers(np.array([[7.0, 8.0, 1.5]])).markers[0]
+    hull = markers.hull_marker(3, 1.0, 2.0, 0.5, (20.0, 5.0), (1.0, 0.0, 0.0))
+    buoy = markers.buoy_markers(np.array([[7.0, 8.0, 1.5]])).markers[0]
     assert (hull.id, hull.scale.x, hull.scale.y) == (3, 20.0, 5.0)
     assert (buoy.pose.position.x, buoy.scale.x) == (7.0, 3.0)
     assert hull.header.frame_id == buoy.header.frame_id == 'map'
