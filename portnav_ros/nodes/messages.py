@@ -77,11 +77,9 @@ def read_yaw(orientation: Quaternion) -> float:
 def new_odometry(
     child_frame: str = BODY_FRAME, pose_deviation: float = 0.1, twist_deviation: float = 0.05
 ) -> Odometry:
-    """Return an Odometry in the map frame.
+    """Return an Odometry of a child frame in the map frame.
 
-    Args:
-        child_frame: what moves.
-        pose_deviation: standard deviation in m and rad; twist_deviation: in m/s and rad/s.
+    The standard deviations are in m and rad for the pose, in m/s and rad/s for the twist.
     """
     message = Odometry(child_frame_id=child_frame)
     message.header.frame_id = MAP_FRAME
