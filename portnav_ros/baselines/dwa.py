@@ -9,11 +9,15 @@ each of the paper's 27 setpoints is simulated with vessel and autopilot over the
   and then brakes with full astern thrust (drag helps): d = m / (2k) ln(1 + k s^2 / F).
 - heading: 1 - |bearing of the local goal - yaw| / pi at the end of the horizon. The local goal is the
   path point `goal_ahead_m` ahead of the vessel's closest one.
-- clearance: least gap over the horizon between the widened hull and a return, as a share of `clear_m`.
+- clearance: distance sailed before a contact as a share of what the fastest setpoint sails over the
+  horizon, 1 without a contact. A slower setpoint is followed straight on to the same distance, or
+  creeping towards an obstacle would look clear.
+- room: least gap on that way between the widened hull and a return, as a share of `room_m`. The paper
+  has no such term; 0 turns it off.
 - speed: the setpoint's speed as a share of the fastest one's.
 
 The admissible setpoint with the greatest weighted sum is taken. Where none is admissible it is the
-one whose contact comes last, and of those the one with the greatest sum.
+one whose contact comes last; of those the slowest; of those the one with the greatest sum.
 """
 
 from __future__ import annotations
@@ -37,8 +41,9 @@ from portnav_ros.task.policy import Observation
 from portnav_ros.types import STATE_SIZE, SURGE, YAW, Array, Array32, BoolArray, X, Y
 from portnav_ros.vessel import VesselModel, VesselParams, move_actuators, move_hull
 
-DT_S = 0.25
-STEPS_PER_CHECK = 4  # contacts are looked for each second
+DT_S, STEPS_PER_CHECK = 0.25, 4  # contacts are looked for each second
+STRIDE_M = 5.0
+SLOW_FIRST = 1e6  # outweighs any score
 ASTERN_FLOOR_N = 1.0  # a vessel without reverse thrust brakes by drag alone
 
 
@@ -49,9 +54,10 @@ class DwaParams:
     horizon_s: float = 30.0
     margin_m: float = 5.0
     goal_ahead_m: float = 250.0
-    clear_m: float = 50.0
+    room_m: float = 50.0
     heading_weight: float = 1.0
     clearance_weight: float = 0.5
+    room_weight: float = 0.5
     speed_weight: float = 0.2
 
     def __post_init__(self) -> None:
@@ -61,19 +67,16 @@ class DwaParams:
             horizon_s=(1.0, 600.0),
             margin_m=(0.0, 100.0),
             goal_ahead_m=(1.0, 5000.0),
-            clear_m=(0.1, 1000.0),
+            room_m=(0.1, 1000.0),
             heading_weight=(0.0, 1e3),
             clearance_weight=(0.0, 1e3),
+            room_weight=(0.0, 1e3),
             speed_weight=(0.0, 1e3),
         )
 
 
 def load_dwa_params() -> DwaParams:
-    """Read config/dwa.yaml.
-
-    Raises:
-        ParamError: the file is missing, or holds an unknown key or a value out of range.
-    """
+    """Read config/dwa.yaml; raises ParamError on an unknown key or a value out of range."""
     path = config_path('dwa.yaml')
     return override(DwaParams(), read_yaml(path), str(path))
 
@@ -84,10 +87,24 @@ class Judge(NamedTuple):
     seconds: int
     margin_m: float
     goal_ahead: float
-    clear_m: float
+    room_m: float
     heading_weight: float
     clearance_weight: float
+    room_weight: float
     speed_weight: float
+
+
+class Way(NamedTuple):
+    """What came of a setpoint.
+
+    late_s: time of the first contact, infinite if admissible. free_m: distance sailed before any
+    contact, infinite without one. gap_m: least gap on the way. sailed_m: distance sailed.
+    """
+
+    late_s: float
+    free_m: float
+    gap_m: float
+    sailed_m: float
 
 
 class DynamicWindow:
@@ -98,19 +115,19 @@ class DynamicWindow:
         vessel: VesselParams,
         autopilot: AutopilotParams,
         params: DwaParams | None = None,
-        actions: ActionParams | None = None,
     ) -> None:
         """Plan for a vessel with its autopilot; params default to config/dwa.yaml."""
         params = params or load_dwa_params()
         self._model, self._gains = vessel.model(), autopilot.gains()
-        self._table = (actions or ActionParams()).table()
+        self._table = ActionParams().table()
         self._judge = Judge(
             round(params.horizon_s),
             params.margin_m,
             params.goal_ahead_m / PATH_SPACING_M,
-            params.clear_m,
+            params.room_m,
             params.heading_weight,
             params.clearance_weight,
+            params.room_weight,
             params.speed_weight,
         )
 
@@ -144,14 +161,12 @@ def _obstacles(
 ) -> tuple[int, float]:
     """Write the returns that the hull can reach within the horizon into points [R, 2], map frame.
 
-    A return inside the hull is left out: no setpoint avoids it any more.
-
-    Returns:
-        Number of points, and the margin in m, no wider than the present gap to the nearest.
+    A return inside the hull is left out: no setpoint avoids it any more. Returns their number and the
+    margin in m, no wider than the present gap to the nearest.
     """
     half_length, half_beam = 0.5 * model.length_m, 0.5 * model.beam_m
     fastest = max(math.sqrt(model.thrust_max_n / model.drag_kg_per_m), abs(own[SURGE]))
-    reach = fastest * judge.seconds + half_length + judge.clear_m + judge.margin_m
+    reach = fastest * judge.seconds + half_length + judge.room_m + judge.margin_m
     count, margin = 0, judge.margin_m
     for i in range(len(ranges)):
         if not 0.0 < ranges[i] < reach:
@@ -180,21 +195,26 @@ def _choose(
 ) -> int:
     """Return the row of the table to take."""
     state, memory = np.empty(STATE_SIZE), np.empty(PID_SIZE)
-    best, best_contact, best_score = 0, -1.0, -math.inf
+    best, best_late, best_score = 0, -1.0, -math.inf
     fastest = table[:, 1].max()
+    reach = fastest * judge.seconds
     for a in range(len(table)):
         state[:] = own
         memory[:] = 0.0
         yaw, speed = own[YAW] + table[a, 0], table[a, 1]
-        contact, gap = _rehearse(judge, model, gains, state, memory, yaw, speed, points, margin)
+        way = _rehearse(judge, model, gains, state, memory, yaw, speed, points, margin)
         off = abs(wrap_angle(math.atan2(gy - state[Y], gx - state[X]) - state[YAW]))
+        way = _follow_on(judge, model, state, points, margin, way, reach)
         score = (
             judge.heading_weight * (1.0 - off / math.pi)
-            + judge.clearance_weight * min(gap / judge.clear_m, 1.0)
+            + judge.clearance_weight * min(way.free_m / reach, 1.0)
+            + judge.room_weight * min(way.gap_m / judge.room_m, 1.0)
             + judge.speed_weight * speed / fastest
         )
-        if contact > best_contact or (contact == best_contact and score > best_score):
-            best, best_contact, best_score = a, contact, score
+        if way.late_s < math.inf:
+            score -= SLOW_FIRST * speed
+        if way.late_s > best_late or (way.late_s == best_late and score > best_score):
+            best, best_late, best_score = a, way.late_s, score
     return best
 
 
@@ -209,14 +229,10 @@ def _rehearse(
     speed: float,
     points: Array,
     margin: float,
-) -> tuple[float, float]:
-    """Sail a setpoint over the horizon; the state row [7] is left at its end.
-
-    Returns:
-        Time of the first contact in s, infinite if admissible; least gap in m before it.
-    """
-    sailed, braking, least, contact = 0.0, 0.0, math.inf, math.inf
-    far = 0.0
+) -> Way:
+    """Sail a setpoint over the horizon; the state row [7] is left at its end."""
+    sailed, braking, clear = 0.0, 0.0, 0.0
+    late, free, least = math.inf, math.inf, math.inf
     for second in range(1, judge.seconds + 1):
         x, y = state[X], state[Y]
         for _ in range(STEPS_PER_CHECK):
@@ -225,17 +241,37 @@ def _rehearse(
             move_hull(model, state, DT_S)
         step = math.hypot(state[X] - x, state[Y] - y)
         sailed += step
-        far -= step
+        clear -= step
         if second == 1:
             braking = sailed + _braking_distance(model, state[SURGE])
-        if contact < math.inf or far > 0.0:
+        if free < math.inf or clear > 0.0:
             continue
-        gap, centre = _nearest(model, state, points, margin)
+        gap, clear = _nearest(judge, model, state, points, margin)
         least = min(least, gap)
-        far = centre - 0.5 * math.hypot(model.length_m, model.beam_m) - margin - judge.clear_m
-        if gap <= 0.0 and sailed <= braking:
-            contact = float(second)
-    return contact, least
+        if gap <= 0.0:
+            free = sailed
+            late = float(second) if sailed <= braking else math.inf
+    return Way(late, free, least, sailed)
+
+
+@njit(cache=True, nogil=True)
+def _follow_on(
+    judge: Judge, model: VesselModel, state: Array, points: Array, margin: float, way: Way, reach: float
+) -> Way:
+    """Go straight on from the end of the horizon until `reach` m are sailed or something is met."""
+    sailed, free, least, clear = way.sailed_m, way.free_m, way.gap_m, 0.0
+    while sailed < reach and free == math.inf:
+        state[X] += STRIDE_M * math.cos(state[YAW])
+        state[Y] += STRIDE_M * math.sin(state[YAW])
+        sailed += STRIDE_M
+        clear -= STRIDE_M
+        if clear > 0.0:
+            continue
+        gap, clear = _nearest(judge, model, state, points, margin)
+        least = min(least, gap)
+        if gap <= 0.0:
+            free = sailed
+    return Way(way.late_s, free, least, sailed)
 
 
 @njit(cache=True, nogil=True)
@@ -247,8 +283,10 @@ def _braking_distance(model: VesselModel, surge: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _nearest(model: VesselModel, state: Array, points: Array, margin: float) -> tuple[float, float]:
-    """Gap in m from the widened hull to the nearest point, and from its centre."""
+def _nearest(
+    judge: Judge, model: VesselModel, state: Array, points: Array, margin: float
+) -> tuple[float, float]:
+    """Gap in m from the widened hull to the nearest point, and how far to sail before it matters."""
     half_length, half_beam = 0.5 * model.length_m + margin, 0.5 * model.beam_m + margin
     gap, centre = math.inf, math.inf
     cosine, sine = math.cos(state[YAW]), math.sin(state[YAW])
@@ -258,4 +296,4 @@ def _nearest(model: VesselModel, state: Array, points: Array, margin: float) -> 
         along = max(abs(cosine * dx + sine * dy) - half_length, 0.0)
         across = max(abs(cosine * dy - sine * dx) - half_beam, 0.0)
         gap = min(gap, along * along + across * across)
-    return math.sqrt(gap), math.sqrt(centre)
+    return math.sqrt(gap), math.sqrt(centre) - math.hypot(half_length, half_beam) - judge.room_m

@@ -102,22 +102,34 @@ def _step_back(
 ) -> None:
     """Fill the layer before `later`: the best of staying and of one step in each direction."""
     step = haste.speed_mps * haste.step_s / cell_m
-    moves = np.empty((DIRECTIONS + 1, 2))
+    moves = np.zeros((DIRECTIONS + 1, 2))
     for d in range(DIRECTIONS):
         moves[d, 0] = step * math.sin(d * TWO_PI / DIRECTIONS)
         moves[d, 1] = step * math.cos(d * TWO_PI / DIRECTIONS)
-    moves[DIRECTIONS] = 0.0
     for i in range(1, now.shape[0] - 1):
         for j in range(1, now.shape[1] - 1):
             if not pace[i, j] < np.inf:
                 continue
             best = NEVER_S
             for d in range(DIRECTIONS + 1):
-                best = min(best, sample(later, i + moves[d, 0], j + moves[d, 1]))
+                beyond = sample(later, i + moves[d, 0], j + moves[d, 1])
+                if beyond < best and _is_open(pace, i, j, moves[d, 0], moves[d, 1], step):
+                    best = beyond
             best += haste.step_s * pace[i, j]
             if rest[i, j] < haste.step_s * pace[i, j]:
                 best = min(best, rest[i, j])
             now[i, j] = best
+
+
+@njit(cache=True, nogil=True, inline='always')
+def _is_open(pace: Array32, row: int, column: int, rows: float, columns: float, step: float) -> bool:
+    """Whether no cell between the ends of a move is closed."""
+    stops = math.ceil(1.5 * step)
+    for k in range(1, stops):
+        share = k / stops
+        if not pace[round(row + share * rows), round(column + share * columns)] < np.inf:
+            return False
+    return True
 
 
 @njit(cache=True, nogil=True, inline='always')
