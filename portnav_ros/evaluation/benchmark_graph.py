@@ -22,6 +22,7 @@ import numpy as np
 
 POLL_S = 0.2
 PATIENCE_S = 300.0
+MISS_NOTHING = 'qos_overrides./cmd_actuators.subscription.depth:=50'  # two may come at once
 MODULE = 'portnav_ros'
 CLOCK_TICKS = os.sysconf('SC_CLK_TCK')
 RATE = re.compile(r'(\w+) after ([\d.]+) s, ([\d.]+) times real time')
@@ -61,7 +62,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def _measure_latency(arguments: argparse.Namespace, out: Path) -> dict[str, Any]:
     graph = _start_graph(arguments, out, '--real-time')
-    probe = _start('nodes.latency_probe', '--ros-args', '-p', f'duration_s:={arguments.seconds}')
+    duration = ('-p', f'duration_s:={arguments.seconds}')
+    probe = _start('nodes.latency_probe', '--ros-args', *duration, '-p', MISS_NOTHING)
     try:
         usage = _watch(graph, probe)
         if probe.returncode != 0:

@@ -26,26 +26,25 @@ def command(time_ns):
 
 
 def test_answers_are_paired_by_stamp(graph, capfd):
-    probe = graph.add(LatencyProbe, duration_s=0.1)
+    probe = graph.add(LatencyProbe, duration_s=0.5)
     odometry, scan, setpoint = new_odometry(), new_scan(LidarParams(), 0.1), new_setpoint()
     fill_odometry(odometry, SECOND_NS, VesselState(0.0, 0.0, 0.0))
     fill_scan(scan, SECOND_NS, 5.0)
     fill_setpoint(setpoint, SECOND_NS, Setpoint(0.0, 1.0))
-    graph.publish('odom', odometry)
-    graph.publish('scan', scan)
-    graph.until(lambda: probe._scans and probe._odometry, 'odometry and scan')
-    graph.publish('cmd_actuators', command(SECOND_NS))
-    graph.until(lambda: probe.latencies_s['odom_to_actuator'], 'the answer to the odometry')
-    assert not probe.latencies_s['scan_to_actuator']
-    graph.publish('setpoint', setpoint)
-    graph.until(lambda: probe.latencies_s['scan_to_setpoint'], 'the setpoint')
+    for topic, message in (
+        ('odom', odometry),
+        ('scan', scan),
+        ('cmd_actuators', command(SECOND_NS)),
+        ('setpoint', setpoint),
+        ('cmd_actuators', command(SECOND_NS)),
+    ):
+        count = sum(map(len, probe._heard[topic].values()))
+        graph.publish(topic, message)
+        graph.until(lambda t=topic, n=count: sum(map(len, probe._heard[t].values())) > n, topic)
     while not probe._done.done():
-        graph.publish('cmd_actuators', command(SECOND_NS))
+        graph.publish('cmd_actuators', command(2 * SECOND_NS))
         graph.executor.spin_once(0.02)
     printed = json.loads(capfd.readouterr().out.splitlines()[-1])
-    assert {name: len(found) for name, found in printed.items()} == {
-        'scan_to_setpoint': 1,
-        'scan_to_actuator': 1,
-        'odom_to_actuator': 1,
-    }
-    assert printed['scan_to_actuator'][0] > printed['scan_to_setpoint'][0] > 0.0
+    (to_setpoint,), (to_actuator,) = printed['scan_to_setpoint'], printed['scan_to_actuator']
+    assert to_actuator > to_setpoint > 0.0
+    assert len(printed['odom_to_actuator']) == 1
