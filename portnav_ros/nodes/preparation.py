@@ -16,7 +16,7 @@ from typing import Any, Literal
 import yaml
 
 from portnav_ros import __version__
-from portnav_ros.charts import read_chart, write_geojson
+from portnav_ros.charts import write_geojson
 from portnav_ros.evaluation import bag_episode
 from portnav_ros.evaluation.bag_writer import Storage
 from portnav_ros.evaluation.provenance import git_commit
@@ -25,7 +25,7 @@ from portnav_ros.nodes.table import LOCAL_PLANNERS, NAMES, PLANNER_SUFFIX, RECOR
 from portnav_ros.params import ParamError, check_range, override, read_yaml
 from portnav_ros.resources import config_path
 from portnav_ros.sim.difficulty import load_difficulty
-from portnav_ros.sim.generator import chart_scenario, make_scenario
+from portnav_ros.sim.generator import find_scenario
 from portnav_ros.sim.scenario import Scenario
 
 BRINGUP = 'bringup'  # key of the configuration; the others are names of nodes
@@ -127,14 +127,7 @@ def load(options: GraphOptions) -> Scenario:
     Raises:
         ScenarioError, ChartError, ParamError: it cannot be made.
     """
-    if options.scenario is not None:
-        from portnav_ros.sim.generator import load_scenario
-
-        return load_scenario(options.scenario, options.seed)
-    difficulty = load_difficulty(options.difficulty)
-    if options.chart is not None:
-        return chart_scenario(read_chart(options.chart), difficulty, options.seed)
-    return make_scenario(difficulty, options.seed)
+    return find_scenario(options.difficulty, options.seed, options.scenario, options.chart)
 
 
 def prepare(

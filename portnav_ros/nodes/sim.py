@@ -15,13 +15,11 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-from portnav_ros.charts import read_chart
 from portnav_ros.nodes.messages import MessageError, nanoseconds, read_joints, read_path, read_stamp
 from portnav_ros.nodes.runtime import Exit, Health, PortNode, run_node
 from portnav_ros.nodes.sim_topics import TICK_NS, TICKS_PER_SCAN, SimTopics
 from portnav_ros.params import ParamError, check_range
-from portnav_ros.sim.difficulty import load_difficulty
-from portnav_ros.sim.generator import chart_scenario, load_scenario, make_scenario
+from portnav_ros.sim.generator import find_scenario
 from portnav_ros.sim.scenario import Scenario
 from portnav_ros.sim.world import TICK_S, World
 from portnav_ros.types import Actuation, Outcome
@@ -83,12 +81,8 @@ def load(params: SimParams) -> Scenario:
     Raises:
         ScenarioError, ChartError, ParamError: it cannot be made.
     """
-    if params.scenario:
-        return load_scenario(params.scenario, params.seed)
-    difficulty = load_difficulty(params.difficulty)
-    if params.chart:
-        return chart_scenario(read_chart(FilePath(params.chart)), difficulty, params.seed)
-    return make_scenario(difficulty, params.seed)
+    chart = FilePath(params.chart) if params.chart else None
+    return find_scenario(params.difficulty, params.seed, params.scenario or None, chart)
 
 
 class Sim(PortNode[SimParams]):

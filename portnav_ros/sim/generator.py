@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
+from portnav_ros.charts import read_chart
 from portnav_ros.geometry import resample_polyline
 from portnav_ros.harbour import Harbour
 from portnav_ros.sim.difficulty import Difficulty, load_difficulty, load_vessel
@@ -81,6 +84,22 @@ def chart_scenario(
         return _compose(difficulty, vessel, seed, harbour, mission, traffic)
 
     return _attempt(draw, difficulty, seed)
+
+
+def find_scenario(difficulty: str, seed: int, scenario: str | None, chart: Path | None) -> Scenario:
+    """Make what a user names: a named scenario, else a mission on a chart, else one in a random port.
+
+    The path is the quick clearance route, since whoever asks in this way plans the route elsewhere.
+
+    Raises:
+        ScenarioError, ChartError, ParamError: it cannot be made.
+    """
+    if scenario is not None:
+        return load_scenario(scenario, seed)
+    settings = dataclasses.replace(load_difficulty(difficulty), route='clearance')
+    if chart is not None:
+        return chart_scenario(read_chart(chart), settings, seed)
+    return make_scenario(settings, seed)
 
 
 class ScenarioPool:
