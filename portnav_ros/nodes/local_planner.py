@@ -32,7 +32,7 @@ from portnav_ros.params import check_range
 from portnav_ros.sim.scenario import PATH_SPACING_M, LidarParams
 from portnav_ros.task.observation import ObservationParams, Observer
 from portnav_ros.task.policy import Policy
-from portnav_ros.types import RUDDER, STATE_SIZE, THRUST, YAW, Array, Setpoint, X, Y
+from portnav_ros.types import RUDDER, STATE_SIZE, THRUST, YAW, Array, Scan, Setpoint, X, Y
 from portnav_ros.vessel import VesselParams
 
 WATCH_S = 0.1
@@ -44,7 +44,7 @@ class PlannerParams:
     """Parameters of a local planner.
 
     preset: vessel in config/vessels, or a YAML file; vessel.*: what differs from it. autopilot.*: gains of
-    the PID controller, which a planner may simulate. lidar.*: the sensor, whose number of rays is checked.
+    the PID controller, which a planner may simulate. lidar.*: the sensor, whose rays are checked.
     observation.*: see ObservationParams. lock_step: answer each decision with odometry, scan and actuator
     feedback of the very same stamp. period_s: from decision to decision. age_s: of scan and odometry, past
     which the vessel is stopped. goal_radius_m: from the end of the plan, within which it is stopped.
@@ -150,12 +150,14 @@ class LocalPlanner(PortNode[PlannerParams]):
         self._decide_if_due()
 
     def _take_scan(self, message: LaserScan) -> None:
-        self._scan_seen_ns = read_stamp(message.header.stamp)
+        stamp_ns = read_stamp(message.header.stamp)
+        if not self.lock_step and 0 <= self._time_ns < stamp_ns - self._age_ns:
+            raise MessageError('stamp lies in the future')
+        self._scan_seen_ns = stamp_ns
         try:
-            ranges = read_scan(message).ranges
-            if len(ranges) != self._ranges.shape[1]:
-                raise MessageError(f'{len(ranges)} rays, expected {self._ranges.shape[1]} (lidar.rays)')
-            self._ranges[0], self._scan_ns = ranges, self._scan_seen_ns
+            scan = read_scan(message)
+            _check_rays(scan, self._ranges.shape[1])
+            self._ranges[0], self._scan_ns = scan.ranges, stamp_ns
         finally:
             self._decide_if_due()
 
@@ -252,3 +254,16 @@ class LocalPlanner(PortNode[PlannerParams]):
         else:
             return
         self._stop()
+
+
+def _check_rays(scan: Scan, rays: int) -> None:
+    """Refuse a scan whose rays look elsewhere than those of LidarParams."""
+    if len(scan.ranges) != rays:
+        raise MessageError(f'{len(scan.ranges)} rays, expected {rays} (lidar.rays)')
+    step = 2.0 * math.pi / rays
+    turned, spread = wrap_angle(scan.angle_min_rad + math.pi), rays * (scan.angle_increment_rad - step)
+    if max(abs(turned), abs(spread)) > 0.5 * step:
+        raise MessageError(
+            f'angle_min {scan.angle_min_rad:.4f}, angle_increment {scan.angle_increment_rad:.4f}: expected '
+            f'{-math.pi:.4f} (astern) and {step:.4f} (all around, counter-clockwise)'
+        )

@@ -61,8 +61,10 @@ class Stack:
         fill_odometry(message, time_ns, VesselState(x, 0.0, yaw, 3.0))
         self._graph.publish('odom', message)
 
-    def scan(self, time_ns, value=100.0, rays=180):
+    def scan(self, time_ns, value=100.0, rays=180, **fields):
         message = new_scan(LidarParams(rays=rays), 0.1)
+        for name, field in fields.items():
+            setattr(message, name, field)
         fill_scan(message, time_ns, np.full(rays, value, np.float32))
         self._graph.publish('scan', message)
 
@@ -162,6 +164,8 @@ def test_a_silent_driver_stops_the_vessel_and_the_stop_is_repeated(graph, stack)
         ({'value': math.nan}, 'only NaN'),
         ({'rays': 90}, '90 rays, expected 180'),
         ({'value': -3.0}, 'below 0'),
+        ({'angle_min': 0.0}, 'angle_min 0.0000'),
+        ({'angle_increment': -math.pi / 90}, 'angle_increment -0.0349'),
     ],
 )
 def test_a_bad_scan_is_refused_and_the_vessel_stopped(graph, stack, scan, reason):
@@ -172,10 +176,21 @@ def test_a_bad_scan_is_refused_and_the_vessel_stopped(graph, stack, scan, reason
     stack.stopped('no scan yet')
     graph.until(lambda: stack.node.refused['scan'] == 1)
     assert reason in stack.node._reasons['scan']
+    stack.odom(SECOND_NS + 600_000_000)
+    graph.until(lambda: stack.node._time_ns > SECOND_NS)
     stack.scan(2 * SECOND_NS)
     graph.until(lambda: stack.node._scan_ns == 2 * SECOND_NS)
     stack.odom(2 * SECOND_NS)
     assert stack.answer(2 * SECOND_NS) == pytest.approx(SAIL)
+
+
+def test_a_scan_from_the_future_cannot_pass_for_fresh_for_ever(graph, stack):
+    stack.settle(SECOND_NS)
+    stack.answer(SECOND_NS)
+    stack.scan(3600 * SECOND_NS)
+    graph.until(lambda: stack.node.refused['scan'] == 1)
+    stack.odom(SECOND_NS + 600_000_000)
+    stack.stopped('scan too old')
 
 
 def test_at_the_goal_the_vessel_is_stopped(patient):
