@@ -12,7 +12,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from portnav_ros.nodes.domain_lock import DomainBusyError, hold_domain
+from portnav_ros.nodes.domain_lock import DomainBusyError, hold_domain, read_domain
 from portnav_ros.nodes.preparation import (
     Configuration,
     GraphOptions,
@@ -82,9 +82,9 @@ def sail(
 
     Raises:
         DomainBusyError: another graph runs on this domain.
-        ParamError, ScenarioError, ChartError: the options cannot be run.
+        DomainError, ParamError, ScenarioError, ChartError: the options cannot be run.
     """
-    lock = hold_domain(int(os.environ.get('ROS_DOMAIN_ID', '0')), options.namespace)
+    lock = hold_domain(read_domain(os.environ), options.namespace)
     try:
         commands = prepare(options, configuration, load(options), out)
         return _supervise(commands, options, lock, follow, say)

@@ -5,11 +5,30 @@ from __future__ import annotations
 import fcntl
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+
+DOMAIN_MOST = 232  # beyond it, DDS runs out of ports
 
 
 class DomainBusyError(RuntimeError):
     """Another graph runs on this domain; the message says which process and what to do."""
+
+
+class DomainError(ValueError):
+    """ROS_DOMAIN_ID is no domain."""
+
+
+def read_domain(environment: Mapping[str, str]) -> int:
+    """ROS domain of an environment, 0 where none is set.
+
+    Raises:
+        DomainError: it is not a number that DDS has ports for.
+    """
+    text = environment.get('ROS_DOMAIN_ID') or '0'
+    if not text.isdecimal() or int(text) > DOMAIN_MOST:
+        raise DomainError(f'ROS_DOMAIN_ID={text}: set a number from 0 to 101')
+    return int(text)
 
 
 def hold_domain(domain: int, namespace: str, folder: Path | None = None) -> int:

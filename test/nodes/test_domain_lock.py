@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from portnav_ros.nodes.domain_lock import DomainBusyError, hold_domain
+from portnav_ros.nodes.domain_lock import DomainBusyError, DomainError, hold_domain, read_domain
 
 
 def test_a_second_graph_on_the_domain_is_refused(tmp_path):
@@ -28,3 +28,13 @@ def test_a_copy_of_the_descriptor_holds_on(tmp_path):
     with pytest.raises(DomainBusyError):
         hold_domain(50, '', tmp_path)
     os.close(copy)
+
+
+def test_a_domain_is_read_from_the_environment():
+    assert [read_domain(env) for env in ({}, {'ROS_DOMAIN_ID': ''}, {'ROS_DOMAIN_ID': '7'})] == [0, 0, 7]
+
+
+@pytest.mark.parametrize('text', ['port', '-1', '233'])
+def test_what_is_no_domain_is_refused(text):
+    with pytest.raises(DomainError, match=f'ROS_DOMAIN_ID={text}: set a number'):
+        read_domain({'ROS_DOMAIN_ID': text})
