@@ -209,7 +209,10 @@ def run_node(factory: Callable[[], PortNode[Any]]) -> int:
 
     SIGINT and SIGTERM break off the building; afterwards they end the spinning between two callbacks.
     """
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # such as a parameter file that is not there
+        return _complain(error, Exit.CONFIGURATION)
     node = None
     try:
         _on_signals(signal.default_int_handler)

@@ -125,6 +125,16 @@ def test_a_signal_ends_a_node_in_good_order(number):
     assert 'Traceback' not in errors
 
 
+def test_a_parameter_file_that_is_not_there_is_told_without_a_traceback():
+    result = subprocess.run(
+        (sys.executable, '-m', 'portnav_ros.nodes.sim', '--ros-args', '--params-file', '/nowhere.yaml'),
+        capture_output=True,
+        text=True,
+    )
+    assert (result.returncode, '/nowhere.yaml' in result.stderr) == (2, True), result.stderr
+    assert 'Traceback' not in result.stderr
+
+
 @pytest.mark.parametrize(
     ('module', 'parameter', 'code', 'reason'),
     [
