@@ -53,6 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
         PlanError, ChartError, ParamError: there is no path, or the input cannot be used.
     """
     write = _writer(arguments.out) if arguments.out else None
+    if arguments.clearance < 0.0 or arguments.seed < 0:
+        raise ParamError('--clearance and --seed: give 0 or more')
     params = RrtStarParams(iterations=arguments.iterations, turn_radius_m=arguments.turn_radius)
     began_s = time.perf_counter()
     space = prepare(read_chart(arguments.chart), params.resolution_m, arguments.clearance)

@@ -43,6 +43,8 @@ def test_what_cannot_be_planned_is_one_line_with_the_reason(
     assert 'GOAL_OCCUPIED' in capsys.readouterr().err
     assert plan(chart, '--to', '1900', '900', '--out', 'plan.png') == 2
     assert '.geojson or .csv' in capsys.readouterr().err
+    assert plan(chart, '--to', '1900', '900', '--clearance', '-5') == 2
+    assert '--clearance' in capsys.readouterr().err
 
 
 def test_the_benchmark_relates_every_length_to_the_last(chart: str) -> None:
