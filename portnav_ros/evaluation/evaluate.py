@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from portnav_ros.evaluation.planners import PLANNERS, EvaluationError
+from portnav_ros.evaluation.planners import PLANNERS
 from portnav_ros.evaluation.provenance import provenance
 from portnav_ros.evaluation.statistics import paired_difference
 from portnav_ros.evaluation.summary import summarise, table, write_csv, write_json
@@ -55,24 +55,30 @@ def run(arguments: argparse.Namespace) -> int:
 
     Raises:
         EvaluationError: the options do not fit, or an episode could not be sailed.
-        KeyboardInterrupt: Ctrl-C, after the figures are out.
+        Exception, KeyboardInterrupt: whatever else ended it early, after the figures are out.
     """
     trial = Trial(
         arguments.planner, arguments.difficulty, arguments.chart, arguments.scenario, arguments.route
     )
     sailed = _sail(trial, arguments)
+    failure = sailed.cut_short
     if sailed.episodes:
-        _publish(trial, sailed, arguments)
-    if sailed.cut_short is not None:
-        raise sailed.cut_short
+        failure = _publish(trial, sailed, arguments)
+    if failure is not None:
+        raise failure
     return 0
 
 
-def _publish(trial: Trial, sailed: Sailed, arguments: argparse.Namespace) -> None:
+def _publish(trial: Trial, sailed: Sailed, arguments: argparse.Namespace) -> BaseException | None:
+    """Show and write the figures, with a rival's where asked for; returns what cut either short."""
     figures = _figures(trial, sailed, arguments)
     _show(trial, figures)
-    if arguments.against and sailed.cut_short is None:
-        figures['against'] = _compare(sailed, replace(trial, planner=arguments.against), arguments)
+    failure = sailed.cut_short
+    if arguments.against and failure is None:
+        rival = replace(trial, planner=arguments.against)
+        other = _sail(rival, arguments)
+        figures['against'] = _compare(sailed, rival, other, arguments)
+        failure = other.cut_short
     if arguments.json:
         write_json(arguments.json, figures)
     if arguments.report:
@@ -82,6 +88,7 @@ def _publish(trial: Trial, sailed: Sailed, arguments: argparse.Namespace) -> Non
         write_overview(arguments.report, figures, failures)
     if arguments.episodes_csv:
         write_csv(arguments.episodes_csv, sailed.episodes)
+    return failure
 
 
 class Sailed(NamedTuple):
@@ -108,7 +115,7 @@ def _sail(trial: Trial, arguments: argparse.Namespace) -> Sailed:
                 share = np.mean([done.outcome == Outcome.SUCCESS for done in episodes])
                 bar.set_postfix_str(f'success {share:.1%}', refresh=False)
                 bar.update()
-    except (KeyboardInterrupt, EvaluationError) as error:
+    except (KeyboardInterrupt, Exception) as error:  # hours of figures are worth more than the reason
         cut_short = error
         print(f'cut short after {len(episodes)} of {len(seeds)} episodes', file=sys.stderr)
     return Sailed(sorted(episodes, key=lambda result: result.seed), time.perf_counter() - start, cut_short)
@@ -139,9 +146,8 @@ def _show(trial: Trial, figures: dict[str, Any]) -> None:
     print(table(figures))
 
 
-def _compare(sailed: Sailed, rival: Trial, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Sail the rival on the same seeds and compare success, episode by episode."""
-    other = _sail(rival, arguments)
+def _compare(sailed: Sailed, rival: Trial, other: Sailed, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Compare success with the rival's on the same seeds, episode by episode."""
     theirs = {result.seed: result.outcome == Outcome.SUCCESS for result in other.episodes}
     if not theirs:
         return {'planner': rival.planner, 'episodes': 0}

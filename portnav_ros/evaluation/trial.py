@@ -54,9 +54,11 @@ class Trial:
     route: Literal['clearance', 'rrt_star'] | None = None
 
     def __post_init__(self) -> None:
-        """Refuse two sources of scenarios."""
+        """Refuse two sources of scenarios, or of the path."""
         if self.chart is not None and self.scenario is not None:
             raise EvaluationError('--chart and --scenario exclude each other')
+        if self.route is not None and self.scenario is not None:
+            raise EvaluationError('--route and --scenario exclude each other: a named scenario has its path')
 
     @cached_property
     def _harbour(self) -> Harbour | None:

@@ -32,11 +32,13 @@ def run_trial(
         keep_logs: attach each episode's log.
 
     Raises:
-        EvaluationError: a worker failed; the message holds the reason.
+        EvaluationError: no worker was asked for, or one failed; the message holds the reason.
     """
+    if workers < 1:
+        raise EvaluationError(f'workers = {workers} must be at least 1')
     workers = min(workers, len(seeds))
-    batch = min(batch, -(-len(seeds) // max(workers, 1)))
-    if workers <= 1:
+    batch = min(batch, -(-len(seeds) // workers))
+    if workers == 1:
         for log in sail(trial.make_planner, trial.scenarios(iter(seeds)), batch):
             yield judge(log, trial, keep_logs)
         return

@@ -34,6 +34,8 @@ def run_trial(
         EvaluationError: a graph ended before its episode did, or its bag is not whole.
         KeyboardInterrupt: Ctrl-C.
     """
+    if trial.route == 'clearance':
+        raise EvaluationError('--through ros: the nodes plan with RRT*; leave out --route clearance')
     configuration = read_configuration(None)
     for seed in seeds:
         options = GraphOptions(

@@ -9,6 +9,7 @@ from portnav_ros.evaluation import evaluate, workers
 from portnav_ros.evaluation.metrics.table import METRICS
 from portnav_ros.evaluation.planners import EvaluationError
 from portnav_ros.evaluation.trial import EpisodeResult, Trial
+from portnav_ros.sim.scenario import ScenarioError
 from portnav_ros.types import Outcome
 
 KEYS = {
@@ -94,7 +95,9 @@ def test_two_planners_are_compared_pair_by_pair(fake_runner, tmp_path, capsys):
     assert 'McNemar' in capsys.readouterr().out
 
 
-@pytest.mark.parametrize('failure', [KeyboardInterrupt(), EvaluationError('a worker died')])
+@pytest.mark.parametrize(
+    'failure', [KeyboardInterrupt(), EvaluationError('a worker died'), ScenarioError('no')]
+)
 def test_an_evaluation_cut_short_keeps_what_is_done(monkeypatch, tmp_path, capsys, failure):
     def run_trial(trial: Trial, seeds: Sequence[int], *_: object) -> Iterator[EpisodeResult]:
         yield fake_result(trial, seeds[0])
@@ -108,6 +111,32 @@ def test_an_evaluation_cut_short_keeps_what_is_done(monkeypatch, tmp_path, capsy
     values = json.loads(figures.read_text())
     assert (values['episodes'], values['complete']) == (2, False)
     assert 'cut short after 2 of 9' in capsys.readouterr().err
+
+
+def test_a_rival_that_cannot_sail_is_an_error_after_the_figures(monkeypatch, tmp_path):
+    def run_trial(trial: Trial, seeds: Sequence[int], *_: object) -> Iterator[EpisodeResult]:
+        if trial.planner == 'muzero':
+            raise EvaluationError('no model')
+        return iter([fake_result(trial, seed) for seed in seeds])
+
+    monkeypatch.setattr(workers, 'run_trial', run_trial)
+    figures = tmp_path / 'figures.json'
+    with pytest.raises(EvaluationError, match='no model'):
+        evaluate.run(arguments(f'--planner dwa --against muzero --episodes 3 --json {figures}'))
+    values = json.loads(figures.read_text())
+    assert (values['episodes'], values['against']['episodes']) == (3, 0)
+
+
+@pytest.mark.parametrize(
+    ('words', 'reason'),
+    [
+        ('--workers 0', 'workers = 0'),
+        ('--scenario head_on --route rrt_star', '--route and --scenario'),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(words, reason):
+    with pytest.raises(EvaluationError, match=reason):
+        evaluate.run(arguments(f'--planner dwa --episodes 1 {words}'))
 
 
 def test_unknown_figures_become_null(fake_runner, monkeypatch, tmp_path):
