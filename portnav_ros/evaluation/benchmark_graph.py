@@ -20,6 +20,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from portnav_ros.evaluation.planners import EvaluationError
+
 POLL_S = 0.2
 PATIENCE_S = 300.0
 MISS_NOTHING = 'qos_overrides./cmd_actuators.subscription.depth:=50'  # two may come at once
@@ -48,7 +50,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Measure and return the figures.
 
     Raises:
-        RuntimeError: the graph did not run; the message holds the end of its output.
+        EvaluationError: the graph did not run; the message holds the end of its output.
     """
     with tempfile.TemporaryDirectory(prefix='portnav_') as folder:
         return {
@@ -67,7 +69,7 @@ def _measure_latency(arguments: argparse.Namespace, out: Path) -> dict[str, Any]
     try:
         usage = _watch(graph, probe)
         if probe.returncode != 0:
-            raise RuntimeError(_last_words(graph, out))
+            raise EvaluationError(_last_words(graph))
         latencies_s = json.loads(probe.communicate()[0].splitlines()[-1])
     finally:
         _end(probe)
@@ -94,7 +96,7 @@ def _measure_pace(arguments: argparse.Namespace, out: Path) -> dict[str, Any]:
     log = out / 'log' / 'sim.log'
     told = RATE.search(log.read_text(encoding='utf-8')) if log.exists() else None
     if told is None:
-        raise RuntimeError(_last_words(graph, out))
+        raise EvaluationError(_last_words(graph))
     cpu_s = sum(use.cpu_s for use in usage.values())
     return {
         'outcome': told[1],
@@ -118,7 +120,7 @@ def _start(module: str, *arguments: str) -> subprocess.Popen[str]:
         (sys.executable, '-m', name, *arguments),
         env=environment,
         stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL if module else subprocess.STDOUT,  # the graph's tells why it ended
         text=True,
     )
 
@@ -175,7 +177,7 @@ def _end(process: subprocess.Popen[str]) -> None:
     process.wait(timeout=PATIENCE_S)
 
 
-def _last_words(graph: subprocess.Popen[str], out: Path) -> str:
+def _last_words(graph: subprocess.Popen[str]) -> str:
     _end(graph)
     said = graph.communicate()[0].splitlines()[-10:]
-    return '\n'.join(['the graph did not run to the end:', *said, f'log in {out}'])
+    return '\n'.join(['the graph did not run to the end:', *said])
