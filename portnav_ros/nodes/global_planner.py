@@ -152,7 +152,12 @@ class GlobalPlanner(PortNode[GlobalPlannerParams]):
         itinerary = Itinerary(self.worker, points, self.params.seed, stamp_ns)
         self._itinerary = itinerary
         self._outcome = Health(text='planning')
-        itinerary.when_done(lambda: self.executor.create_task(self._publish, itinerary))
+        itinerary.when_done(lambda: self._soon(self._publish, itinerary))
+
+    def _soon(self, callback: Callable[..., None], *arguments: Any) -> None:
+        """Hand over from the worker's thread; a node that is about to go has no executor any more."""
+        if (executor := self.executor) is not None:
+            executor.create_task(callback, *arguments)
 
     def _publish(self, itinerary: Itinerary) -> None:
         if itinerary is self._itinerary:
@@ -193,7 +198,7 @@ class GlobalPlanner(PortNode[GlobalPlannerParams]):
         if itinerary is None:
             self._answer(NO_PATH, 0, header)
         else:
-            itinerary.when_done(lambda: self.executor.create_task(self._respond, itinerary, header))
+            itinerary.when_done(lambda: self._soon(self._respond, itinerary, header))
 
     def _respond(self, itinerary: Itinerary, header: Any) -> None:
         self._answer(self._conclude(itinerary), itinerary.time_ns, header)
