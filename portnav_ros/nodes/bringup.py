@@ -26,6 +26,7 @@ from portnav_ros.nodes.process import Command
 from portnav_ros.nodes.supervisor import (
     Limits,
     NodeDiedError,
+    NodeRefusedError,
     NotReadyError,
     Report,
     StopRequest,
@@ -39,9 +40,10 @@ RECORDER_PATIENCE_S = 10.0
 
 
 class Exit(IntEnum):
-    """Exit codes of ``portnav up``; a signal gives 128 plus its number, a mistake in the input 2."""
+    """Exit codes of ``portnav up``; a signal gives 128 plus its number."""
 
     SUCCESS = 0  # the goal was reached, or the graph was told to end
+    MISTAKE = 2  # in the input, told by a node or, as an exception, before any has started
     DOMAIN_BUSY = 3
     NOT_READY = 4
     NODE_DIED = 5
@@ -109,6 +111,8 @@ def _supervise(
                 episode.take(supervisor.poll(POLL_S))
     except NotReadyError as error:
         return episode.result(Exit.NOT_READY, str(error))
+    except NodeRefusedError as error:
+        return episode.result(Exit.MISTAKE, str(error))
     except NodeDiedError as error:
         return episode.result(Exit.NODE_DIED, str(error))
     except StopRequest as request:
@@ -238,7 +242,7 @@ def run(arguments: argparse.Namespace) -> int:
     except DomainBusyError as error:
         print(f'portnav: error: {error}', file=sys.stderr)
         return Exit.DOMAIN_BUSY
-    print(f'{result.message} after {result.time_s:.0f} s; log and bag in {out}')
+    print(f'{result.message}\n{result.time_s:.0f} s sailed; everything is in {out}')
     return result.code
 
 

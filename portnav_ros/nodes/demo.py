@@ -90,9 +90,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _finish(result: GraphResult, out: Path) -> int:
     if result.outcome is Outcome.RUNNING:
-        print(
-            f'{result.message}\nthe bag up to here is in {out / BAG}: portnav report {out}', file=sys.stderr
-        )
+        print(result.message, file=sys.stderr)
+        if result.time_s > 0.0:
+            print(f'the bag up to here is in {out / BAG}: portnav report {out}', file=sys.stderr)
         return result.code
     from portnav_ros.evaluation.report import headline, write_report  # matplotlib loads slowly
 

@@ -17,6 +17,7 @@ from portnav_ros.nodes import guardian
 from portnav_ros.nodes.process import Command, NodeProcess, describe, tail
 from portnav_ros.nodes.table import OnDeath
 
+REFUSED = (2, 3)  # exit codes of a node: its parameters, chart or scenario; no model
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -45,6 +46,10 @@ class SupervisorError(RuntimeError):
 
 class NodeDiedError(SupervisorError):
     """A node that the others cannot do without has ended."""
+
+
+class NodeRefusedError(NodeDiedError):
+    """A node has ended before it was ready, because it cannot use what it was given."""
 
 
 class NotReadyError(SupervisorError):
@@ -225,7 +230,8 @@ class Supervisor:
             return [*reports, Report(command.name, {}, finished=True)]
         how = f'{command.name} {describe(code)}'
         if not process.ready and not self._deaths[command.name]:
-            raise NodeDiedError(f'{how} while starting; {tail(command.log)}')
+            kind = NodeRefusedError if code in REFUSED else NodeDiedError
+            raise kind(f'{how} while starting; {tail(command.log)}')
         self._deaths[command.name] += 1
         if command.on_death is OnDeath.GO_ON:
             self._say(f'{how}; the rest runs on without it; {tail(command.log)}')

@@ -90,6 +90,13 @@ def test_a_node_that_refuses_its_parameters_is_quoted(start):
     assert 'error: unknown key' in result.message
 
 
+@pytest.mark.parametrize('code', [2, 3])
+def test_a_node_that_cannot_use_its_input_makes_it_a_mistake(start, code):
+    result = start(sim=WAIT, dwa_planner=f'raise SystemExit({code})')
+    assert result.code == Exit.MISTAKE
+    assert f'ended with code {code} while starting' in result.message
+
+
 def test_a_recorder_that_fails_is_told_and_the_rest_sails_on(start):
     said: list = []
     failing = READY + 'report(failure="no space left")\nos._exit(1)'
