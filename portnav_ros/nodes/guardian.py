@@ -1,7 +1,8 @@
 """Ends the nodes of a bringup that can no longer do so itself, because it was killed.
 
 A process of its own, in a session of its own: it reads from its standard input which process groups
-run ("+GROUP", "-GROUP") and acts when that pipe closes. Standard library only, so that it starts at once.
+run ("GROUP", and "-GROUP" for one that has ended) and acts when that pipe closes. Standard library only, so
+that it starts at once.
 """
 
 import os

@@ -118,7 +118,9 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
         """
         actions = np.asarray(actions)
         if actions.shape != (self.num_envs,) or (actions < 0).any() or (actions >= len(self._table)).any():
-            raise gymnasium.error.InvalidAction(f'{actions!r}: expected {self.num_envs} numbers below 27')
+            raise gymnasium.error.InvalidAction(
+                f'{actions!r}: expected {self.num_envs} below {len(self._table)}'
+            )
         self._world.step(setpoints_of(actions, self._world.own, self._table))
         features = self.observe()
         outcome = self._world.outcome.copy()
