@@ -28,7 +28,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         values = yaml.safe_load(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise ParamError(f'{path}: cannot be read ({error.strerror})') from error
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ParamError(f'{path}: not valid YAML: {error}') from error
     if not isinstance(values, dict):
         raise ParamError(f'{path}: expected a mapping of keys to values')

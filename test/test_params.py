@@ -88,11 +88,16 @@ def test_read_yaml(tmp_path):
 
 @pytest.mark.parametrize(
     ('text', 'message'),
-    [('a: [1', 'not valid YAML'), ('- a\n- b\n', 'expected a mapping'), ('', 'expected a mapping')],
+    [
+        (b'a: [1', 'not valid YAML'),
+        (b'\xff\xfe', 'not valid YAML'),
+        (b'- a\n- b\n', 'expected a mapping'),
+        (b'', 'expected a mapping'),
+    ],
 )
 def test_broken_yaml_names_the_file(tmp_path, text, message):
     file = tmp_path / 'broken.yaml'
-    file.write_text(text, encoding='utf-8')
+    file.write_bytes(text)
     with pytest.raises(ParamError, match=rf'broken\.yaml: {message}'):
         read_yaml(file)
 
