@@ -27,11 +27,11 @@ FIRST_SEED = 1_000_000  # of the validation worlds
 SHARES = (0.125, 0.375, 1.0)
 KEEP = 0.25
 CHOICES: dict[str, tuple[float, ...]] = {
-    'goal_ahead_m': (150.0, 200.0, 250.0, 300.0, 400.0),
+    'goal_ahead_m': (200.0, 300.0, 400.0, 500.0, 600.0, 800.0),
     'room_m': (15.0, 30.0, 50.0, 75.0, 100.0),
     'clearance_weight': (0.0, 0.1, 0.2, 0.4, 0.8, 1.6),
     'room_weight': (0.0, 0.05, 0.1, 0.2, 0.4, 0.8),
-    'speed_weight': (0.0, 0.05, 0.1, 0.2, 0.4, 0.8),
+    'speed_weight': (0.05, 0.1, 0.2, 0.4, 0.8),
 }
 
 
