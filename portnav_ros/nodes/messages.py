@@ -28,6 +28,7 @@ from portnav_ros.types import Actuation, Array, Array32, Scan, Setpoint, VesselS
 SECOND_NS = 1_000_000_000
 JOINTS = ['rudder', 'propulsion']
 OCCUPIED = 100
+UNKNOWN_VARIANCE = 1e6  # m^2, rad^2 and their rates
 CDR_PREAMBLE = 4  # bytes before the first field; the second tells the byte order
 
 
@@ -79,11 +80,13 @@ def new_odometry(
 ) -> Odometry:
     """Return an Odometry of a child frame in the map frame.
 
-    The standard deviations are in m and rad for the pose, in m/s and rad/s for the twist.
+    The standard deviations are in m and rad for the pose, in m/s and rad/s for the twist. What a vessel
+    in a plane does not tell (z, roll, pitch) is given a variance that no filter trusts.
     """
     message = Odometry(child_frame_id=child_frame)
     message.header.frame_id = MAP_FRAME
     for part, deviation in ((message.pose, pose_deviation), (message.twist, twist_deviation)):
+        part.covariance[::7] = UNKNOWN_VARIANCE
         part.covariance[[0, 7, 35]] = deviation * deviation
     return message
 

@@ -40,6 +40,9 @@ class PidParams:
     lock_step: wait for the setpoint of the present decision before answering. planner_period_s: of the
     local planner. setpoint_age_s: age of the setpoint past which the vessel is stopped. odom_age_s: silence
     of the driver past which commands are neutral. period_s: of the odometry, for the first step.
+    limit_rates: change commands no faster than the vessel's actuators move (rudder_rate_radps,
+    thrust_rate_nps), for a driver that passes them on as they come; the simulated actuators, like most
+    steering gears, have a rate of their own, and limiting twice costs agility.
     """
 
     preset: str = 'shuttle'
@@ -50,6 +53,7 @@ class PidParams:
     setpoint_age_s: float = 1.5
     odom_age_s: float = 0.5
     period_s: float = 0.05
+    limit_rates: bool = False
 
     def __post_init__(self) -> None:
         """Refuse times that make no sense."""
@@ -92,7 +96,7 @@ class PidController(PortNode[PidParams]):
         """Start anew: nothing is known of odometry and setpoint."""
         self._memory[:] = 0.0
         self._time_ns, self._setpoint_ns, self._unspent_s = -1, -1, 0.0
-        self._setpoint = Setpoint(0.0, 0.0)
+        self._setpoint, self._command = Setpoint(0.0, 0.0), NEUTRAL
         self._stop_yaw_rad: float | None = None
         self._heard_s = time.monotonic()
 
@@ -122,7 +126,10 @@ class PidController(PortNode[PidParams]):
         if self.lock_step and self._setpoint_ns < decision_ns:
             return
         target, step_s, self._unspent_s = self._target(), self._unspent_s, 0.0
-        command = steer(self._gains, self._model, self._memory, self._own, *target, step_s)
+        command = Actuation(*steer(self._gains, self._model, self._memory, self._own, *target, step_s))
+        if self.params.limit_rates:
+            command = limited(command, self._command, self.params.vessel, step_s)
+        self._command = command
         fill_joints(self._message, self._time_ns, command)
         self._commands.publish(self._message)
 
@@ -141,8 +148,18 @@ class PidController(PortNode[PidParams]):
         silent = self._time_ns >= 0 and time.monotonic() - self._heard_s > self.params.odom_age_s
         if silent and not self.lock_step:
             self._stop_reason = 'odometry too old: actuators neutral'
+            self._command = NEUTRAL
             fill_joints(self._message, self._time_ns, NEUTRAL)
             self._commands.publish(self._message)
+
+
+def limited(command: Actuation, last: Actuation, vessel: VesselParams, step_s: float) -> Actuation:
+    """Return the command, moved from the last one no faster than the vessel's actuators."""
+    rudder, thrust = vessel.rudder_rate_radps * step_s, vessel.thrust_rate_nps * step_s
+    return Actuation(
+        min(max(command.rudder_rad, last.rudder_rad - rudder), last.rudder_rad + rudder),
+        min(max(command.thrust_n, last.thrust_n - thrust), last.thrust_n + thrust),
+    )
 
 
 def main() -> int:

@@ -168,6 +168,9 @@ class Sim(PortNode[SimParams]):
             self._planned = True
             self._progress_s = time.monotonic()
             self._advance_if_answered()
+        elif self.held and self.params.exit_on_end:
+            self.get_logger().error('there is no route to the goal; the log of global_planner tells why')
+            self.finish(Exit.NO_ANSWER)
 
     def _take_recorded(self, message: Clock) -> None:
         self._recorded_ns = read_stamp(message.clock)

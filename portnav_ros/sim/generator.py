@@ -98,7 +98,8 @@ def find_scenario(difficulty: str, seed: int, scenario: str | None, chart: Path 
         return load_scenario(scenario, seed)
     settings = dataclasses.replace(load_difficulty(difficulty), route='clearance')
     if chart is not None:
-        return chart_scenario(read_chart(chart), settings, seed)
+        harbour = read_chart(chart)
+        return dataclasses.replace(chart_scenario(harbour, settings, seed), name=harbour.name)
     return make_scenario(settings, seed)
 
 

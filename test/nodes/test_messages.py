@@ -176,3 +176,11 @@ def test_a_path_with_a_hole_is_refused():
         messages.read_path(messages.path_message(points, 0))
     with pytest.raises(MessageError, match='single point'):
         messages.read_path(messages.path_message(points[:1], 0))
+
+
+def test_what_a_vessel_in_a_plane_does_not_tell_is_not_to_be_trusted():
+    message = messages.new_odometry()
+    for covariance in (message.pose.covariance, message.twist.covariance):
+        variances = np.asarray(covariance).reshape(6, 6).diagonal()
+        assert (variances[[0, 1, 5]] < 1.0).all()
+        assert (variances[[2, 3, 4]] >= 1e6).all()

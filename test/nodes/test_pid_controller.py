@@ -1,5 +1,6 @@
 """The autopilot as a node: an answer for every odometry, a stop where a setpoint is missing or old."""
 
+import itertools
 import math
 
 import pytest
@@ -136,3 +137,16 @@ def test_a_repeated_odometry_gets_the_same_answer(graph):
     graph.publish('odom', odometry(0))
     graph.until(lambda: len(graph.heard['cmd_actuators']) > 1)
     assert read_joints(graph.heard['cmd_actuators'][-1]) == first
+
+
+def test_commands_can_be_held_to_the_rates_of_the_actuators(graph):
+    node = start(graph, odom_age_s=60.0, limit_rates=True)
+    graph.publish('setpoint', setpoint(0, yaw=1.5, speed=5.0))
+    commands = []
+    for k in range(1, 40):
+        graph.publish('odom', odometry(k * TICK_NS))
+        commands.append(answer(graph, k * TICK_NS))
+    vessel = node.params.vessel
+    steps = [(b.rudder_rad - a.rudder_rad, b.thrust_n - a.thrust_n) for a, b in itertools.pairwise(commands)]
+    assert max(abs(rudder) for rudder, _ in steps) == pytest.approx(0.05 * vessel.rudder_rate_radps)
+    assert max(abs(thrust) for _, thrust in steps) == pytest.approx(0.05 * vessel.thrust_rate_nps)
