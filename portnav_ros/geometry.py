@@ -39,18 +39,6 @@ def segment_distance_squared(px: float, py: float, x0: float, y0: float, x1: flo
     return ex * ex + ey * ey
 
 
-@njit(cache=True)
-def segments_cross(
-    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float
-) -> bool:
-    """Whether segments a-b and c-d share a point (collinear overlap is left out)."""
-    side_c = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-    side_d = (bx - ax) * (dy - ay) - (by - ay) * (dx - ax)
-    side_a = (dx - cx) * (ay - cy) - (dy - cy) * (ax - cx)
-    side_b = (dx - cx) * (by - cy) - (dy - cy) * (bx - cx)
-    return side_c * side_d <= 0.0 and side_a * side_b <= 0.0 and side_c != side_d
-
-
 def polyline_lengths(points: Array) -> Array:
     """Arc length in m at each vertex of a polyline [W, 2]; the first is 0."""
     steps = np.hypot(*np.diff(points, axis=0).T)

@@ -76,11 +76,6 @@ class VesselParams:
         """Steady speed at full thrust, sqrt(u / k)."""
         return math.sqrt(self.thrust_max_n / self.drag_kg_per_m)
 
-    @property
-    def half_diagonal_m(self) -> float:
-        """Radius of the circle about the hull."""
-        return 0.5 * math.hypot(self.length_m, self.beam_m)
-
     def model(self) -> VesselModel:
         """Return the constants that the kernels read."""
         return VesselModel(

@@ -47,16 +47,6 @@ def test_distance_to_a_segment(point, start, end):
     assert measured == pytest.approx(expected, abs=1e-9)
 
 
-@given(POINTS, POINTS, POINTS, POINTS)
-def test_crossing_agrees_with_shapely(a, b, c, d):
-    first, second = LineString([a, b]), LineString([c, d])
-    parallel = (b[0] - a[0]) * (d[1] - c[1]) == (b[1] - a[1]) * (d[0] - c[0])
-    crossing = geometry.segments_cross(*map(float, (*a, *b, *c, *d)))
-    if parallel:
-        return
-    assert crossing == first.intersects(second)
-
-
 def test_polyline_lengths():
     points = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 10.0]])
     assert_allclose(geometry.polyline_lengths(points), [0.0, 5.0, 11.0])
