@@ -1,0 +1,172 @@
+"""MuZero's three networks in torch: representation h, dynamics g, prediction f.
+
+Plain MLPs with LayerNorm, because a vessel decides one observation at a time. `muzero.inference`
+runs the same weights in numpy, and this module is its oracle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from portnav_ros.muzero.atoms import AtomParams
+from portnav_ros.params import ParamError, check_range
+
+
+@dataclass(frozen=True)
+class NetworkParams:
+    """Sizes of the networks, and the atoms of their categorical heads.
+
+    alive: whether the dynamics tells with what probability the episode goes on; without it an end is
+    worth what the value head says of absorbing states.
+    """
+
+    latent: int = 32
+    represent_hidden: tuple[int, ...] = (128,)
+    dynamics_hidden: tuple[int, ...] = (128,)
+    predict_hidden: tuple[int, ...] = (128,)
+    value: AtomParams = field(default_factory=AtomParams)
+    reward: AtomParams = field(default_factory=AtomParams)
+    alive: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse empty layers."""
+        check_range(self, latent=(1, 4096))
+        for name in ('represent_hidden', 'dynamics_hidden', 'predict_hidden'):
+            if not getattr(self, name) or min(getattr(self, name)) < 1:
+                raise ParamError(
+                    f'{name} = {getattr(self, name)} needs at least one layer of at least one unit'
+                )
+
+
+class Prediction(NamedTuple):
+    """Logits of policy [B, A] and of the value's atoms [B, bins]."""
+
+    policy: Tensor
+    value: Tensor
+
+
+class Transition(NamedTuple):
+    """Latent after an action [B, L], logits of the reward's atoms [B, bins] and of going on [B]."""
+
+    latent: Tensor
+    reward: Tensor
+    alive: Tensor | None
+
+
+class Network(nn.Module):
+    """h, g and f of one agent.
+
+    Actions number a grid of headings and speeds: action = heading index * speeds + speed index; the
+    dynamics reads both indices as one-hot vectors.
+    """
+
+    reward_atoms: Tensor
+    value_atoms: Tensor
+
+    def __init__(self, observation: int, headings: int, speeds: int, params: NetworkParams) -> None:
+        """Build networks for observations [B, F] and headings x speeds actions."""
+        super().__init__()
+        self.params = params
+        self.speeds = speeds
+        self.headings = headings
+        bins = len(params.value.values()), len(params.reward.values())
+        self.representation = Representation(observation, params)
+        self.dynamics = Dynamics(headings + speeds, bins[1], params)
+        self.prediction = Predictor(headings * speeds, bins[0], params)
+        self.register_buffer('value_atoms', torch.tensor(params.value.values(), dtype=torch.float32))
+        self.register_buffer('reward_atoms', torch.tensor(params.reward.values(), dtype=torch.float32))
+
+    def represent(self, observation: Tensor) -> Tensor:
+        """Latent [B, L] of observations [B, F]."""
+        latent: Tensor = self.representation(observation)
+        return latent
+
+    def predict(self, latent: Tensor) -> Prediction:
+        """Policy and value of latents [B, L]."""
+        prediction: Prediction = self.prediction(latent)
+        return prediction
+
+    def step(self, latent: Tensor, action: Tensor) -> Transition:
+        """What actions [B] (int64) lead to from latents [B, L]."""
+        heading = functional.one_hot(action // self.speeds, self.headings)
+        speed = functional.one_hot(action % self.speeds, self.speeds)
+        transition: Transition = self.dynamics(latent, torch.cat([heading, speed], 1).to(latent.dtype))
+        return transition
+
+
+class Representation(nn.Module):
+    """Observation [B, F] to latent [B, L]."""
+
+    def __init__(self, observation: int, params: NetworkParams) -> None:
+        super().__init__()
+        self.body = body(observation, params.represent_hidden)
+        self.out = nn.Linear(params.represent_hidden[-1], params.latent)
+        self.norm = nn.LayerNorm(params.latent)
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Return latents [B, L]."""
+        normed: Tensor = self.norm(self.out(self.body(observation)))
+        return normed
+
+
+class Dynamics(nn.Module):
+    """Latent and action to the next latent and the reward in between."""
+
+    def __init__(self, action: int, bins: int, params: NetworkParams) -> None:
+        super().__init__()
+        self.body = body(params.latent + action, params.dynamics_hidden)
+        self.out = nn.Linear(params.dynamics_hidden[-1], params.latent)
+        self.norm = nn.LayerNorm(params.latent)
+        self.reward = zero(nn.Linear(params.dynamics_hidden[-1], bins))
+        self.alive = zero(nn.Linear(params.dynamics_hidden[-1], 1)) if params.alive else None
+
+    def forward(self, latent: Tensor, action: Tensor) -> Transition:
+        """Step from latents [B, L] with one-hot actions [B, H + S]."""
+        hidden = self.body(torch.cat([latent, action], 1))
+        alive = None if self.alive is None else self.alive(hidden)[:, 0]
+        return Transition(self.norm(latent + self.out(hidden)), self.reward(hidden), alive)
+
+
+class Predictor(nn.Module):
+    """Latent to policy and value."""
+
+    def __init__(self, actions: int, bins: int, params: NetworkParams) -> None:
+        super().__init__()
+        self.body = body(params.latent, params.predict_hidden)
+        self.policy = zero(nn.Linear(params.predict_hidden[-1], actions))
+        self.value = zero(nn.Linear(params.predict_hidden[-1], bins))
+
+    def forward(self, latent: Tensor) -> Prediction:
+        """Return logits for latents [B, L]."""
+        hidden = self.body(latent)
+        return Prediction(self.policy(hidden), self.value(hidden))
+
+
+class Block(nn.Module):
+    """Linear, LayerNorm, ReLU."""
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__()
+        self.linear = nn.Linear(inputs, outputs)
+        self.norm = nn.LayerNorm(outputs)
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Map [B, inputs] to [B, outputs]."""
+        return functional.relu(self.norm(self.linear(values)))
+
+
+def body(inputs: int, hidden: tuple[int, ...]) -> nn.Sequential:
+    """Blocks of the given widths."""
+    return nn.Sequential(*(Block(*pair) for pair in zip((inputs, *hidden), hidden, strict=False)))
+
+
+def zero(layer: nn.Linear) -> nn.Linear:
+    """Start a head at zero: a uniform policy, and every atom as likely as any other."""
+    nn.init.zeros_(layer.weight)
+    nn.init.zeros_(layer.bias)
+    return layer
