@@ -27,10 +27,11 @@ REQUIREMENTS = [
     'matplotlib',
     'tqdm',
     'pillow',
+    'safetensors',
 ]
 EXTRAS = {
     'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
-    'muzero': ['torch>=2.6'],
+    'train': ['torch>=2.8', 'stable-baselines3', 'tensorboard'],
     'test': ['pytest', 'hypothesis', 'ruff', 'mypy', 'colcon-common-extensions', 'setuptools<80'],
 }
 

@@ -100,8 +100,8 @@ def _explain_import(error: ImportError) -> str | None:
             f'{library} is missing: source your ROS 2 Jazzy (`. /opt/ros/jazzy/setup.bash`), '
             "or take it from wheels: pip install 'portnav_ros[ros]'"
         )
-    if library == 'torch':
-        return "torch is missing: pip install 'portnav_ros[muzero]'"
+    if library in ('torch', 'stable_baselines3', 'tensorboard'):
+        return f"{library} is missing: pip install 'portnav_ros[train]'"
     if library in ('portnav_ros', ''):
         return None
     return f'{library} cannot be imported ({error}): pip install portnav_ros, and see `portnav doctor`'

@@ -32,6 +32,7 @@ LIBRARIES = {
     'matplotlib': 'matplotlib',
     'tqdm': 'tqdm',
     'PIL': 'pillow',
+    'safetensors': 'safetensors',
 }
 DISTRO = 'jazzy'
 MIDDLEWARE = 'rmw_fastrtps_cpp'
@@ -190,10 +191,10 @@ def check_loopback(environment: Mapping[str, str]) -> Finding:
 
 
 def check_torch() -> Finding:
-    """Only the MuZero planner needs it."""
+    """Only training needs it."""
     if _has_distribution('torch'):
         return Finding('torch', 'ok', importlib.metadata.version('torch'))
-    return Finding('torch', 'ok', 'not installed; only the MuZero planner needs it (extra `muzero`)')
+    return Finding('torch', 'ok', 'not installed; only training needs it (extra `train`)')
 
 
 def _run_loopback(environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:

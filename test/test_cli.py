@@ -82,7 +82,11 @@ def test_exit_code_and_arguments_pass_through(fake):
         (FileNotFoundError(2, 'No such file or directory', 'chart.geojson'), 'chart.geojson: No such file'),
         (ModuleNotFoundError("No module named 'rclpy'", name='rclpy'), 'portnav_ros[ros]'),
         (ModuleNotFoundError("No module named 'nav_msgs'", name='nav_msgs.msg'), 'portnav_ros[ros]'),
-        (ModuleNotFoundError("No module named 'torch'", name='torch'), 'portnav_ros[muzero]'),
+        (ModuleNotFoundError("No module named 'torch'", name='torch'), 'portnav_ros[train]'),
+        (
+            ModuleNotFoundError("No module named 'stable_baselines3'", name='stable_baselines3'),
+            'portnav_ros[train]',
+        ),
         (ModuleNotFoundError("No module named 'rosbags'", name='rosbags'), 'rosbags'),
     ],
 )
