@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from portnav_ros.muzero import ModelError
 from portnav_ros.task.policy import Policy
-
-
-class ModelError(RuntimeError):
-    """A model cannot be used; the message names the file and the mend."""
 
 
 def load_policy(path: Path) -> Policy:

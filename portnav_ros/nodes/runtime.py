@@ -28,7 +28,7 @@ from rclpy.subscription import Subscription
 from rclpy.task import Future
 
 from portnav_ros.harbour import ChartError
-from portnav_ros.muzero.policy import ModelError
+from portnav_ros.muzero import ModelError
 from portnav_ros.nodes import status_pipe
 from portnav_ros.nodes.messages import MessageError, peek_stamp, status_message
 from portnav_ros.nodes.parameters import declare
