@@ -15,6 +15,7 @@ LAYERS = (
     {'planning', 'control'},
     {'sim'},
     {'task'},
+    {'training'},
     {'muzero', 'baselines'},
     {'evaluation'},
     {'nodes'},
@@ -25,7 +26,7 @@ HOMES = {
     'rclpy': ('nodes/',),
     'ompl': ('planning/',),
     'matplotlib': ('evaluation/plots',),
-    'torch': ('muzero/',),
+    'torch': ('muzero/', 'baselines/ppo', 'training/run_directory'),
     'ray': ('muzero/distributed',),
 }
 MESSAGES = {'builtin_interfaces', 'rcl_interfaces'}

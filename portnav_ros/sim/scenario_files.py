@@ -49,15 +49,18 @@ class VesselPlan:
 
 @dataclass(frozen=True)
 class Jitter:
-    """How a seed varies the other vessels of a named scenario; every draw is uniform."""
+    """How a seed varies the other vessels and the buoys of a named scenario; every draw is uniform."""
 
-    along_m: float = 0.0  # they begin up to this far along their tracks
+    along_m: float = 0.0  # vessels begin up to this far along their tracks
     across_m: float = 0.0  # their waypoints move up to this far to either side
     speed: float = 0.0  # their speeds change by up to this share
+    buoys_m: Point = (0.0, 0.0)  # buoys move up to this far along x and y, each way
 
     def __post_init__(self) -> None:
         """Refuse negative spreads."""
         check_range(self, along_m=(0.0, 5000.0), across_m=(0.0, 1000.0), speed=(0.0, 0.9))
+        if min(self.buoys_m) < 0.0:
+            raise ParamError(f'buoys_m = {self.buoys_m} must not be negative')
 
 
 @dataclass(frozen=True)
@@ -102,7 +105,7 @@ def load_scenario(name_or_path: str | Path, seed: int = 0) -> Scenario:
 
     Args:
         name_or_path: which one.
-        seed: varies the other vessels as the file's ``jitter`` says.
+        seed: varies the other vessels and the buoys as the file's ``jitter`` says.
 
     Raises:
         ParamError: no such file, an unknown key or a wrong type; names the file and the key.
@@ -114,7 +117,7 @@ def load_scenario(name_or_path: str | Path, seed: int = 0) -> Scenario:
     spec = override(ScenarioFile(name=file.stem), values, str(file))
     if spec.start is None or spec.goal is None:
         raise ScenarioError(f'{file}: start and goal are missing; give start: [x, y, yaw], goal: [x, y]')
-    harbour = _harbour(spec, file)
+    harbour = _harbour(spec, seed, file)
     _check_on_water(harbour, [spec.start[:2], spec.goal], f'{file}: start or goal')
     traffic = _traffic(harbour, spec, vessels, seed, file)
     path = _path(harbour, spec, spec.start[:2], spec.goal, file)
@@ -145,7 +148,7 @@ def _read_vessels(items: Any, file: Path) -> list[VesselPlan]:
     return plans
 
 
-def _harbour(spec: ScenarioFile, file: Path) -> Harbour:
+def _harbour(spec: ScenarioFile, seed: int, file: Path) -> Harbour:
     if bool(spec.water) == bool(spec.chart):
         raise ScenarioError(f'{file}: give either water (corners of a polygon) or chart (a file)')
     if spec.chart:
@@ -155,7 +158,7 @@ def _harbour(spec: ScenarioFile, file: Path) -> Harbour:
         raise ScenarioError(f'{file}: water: at least three corners [x, y] are needed')
     else:
         water, charted = Polygon(spec.water), None
-    extra = np.array(spec.buoys, float).reshape(-1, 3)
+    extra = _moved_buoys(spec, seed)
     known = charted.buoys if charted else np.zeros((0, 3))
     flags = charted.charted if charted else np.zeros(0, dtype=np.bool_)
     return Harbour(
@@ -166,6 +169,14 @@ def _harbour(spec: ScenarioFile, file: Path) -> Harbour:
         np.concatenate([flags, np.zeros(len(extra), dtype=np.bool_)]),
         charted.origin if charted else None,
     )
+
+
+def _moved_buoys(spec: ScenarioFile, seed: int) -> Array:
+    """Buoys [K, 3] of the file where the seed puts them."""
+    buoys = np.array(spec.buoys, float).reshape(-1, 3)
+    rng = np.random.default_rng((seed, len(buoys)))  # not the vessels' stream
+    buoys[:, :2] += rng.uniform(-1.0, 1.0, (len(buoys), 2)) * spec.jitter.buoys_m
+    return buoys
 
 
 def _check_on_water(harbour: Harbour, points: list[Point], what: str) -> None:

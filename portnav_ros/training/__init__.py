@@ -1,0 +1,1 @@
+"""What every learning algorithm shares: scenarios, run directory, statistics, validation."""
