@@ -26,7 +26,8 @@ HOMES = {
     'rclpy': ('nodes/',),
     'ompl': ('planning/',),
     'matplotlib': ('evaluation/plots',),
-    'torch': ('muzero/', 'baselines/ppo', 'training/run_directory'),
+    'torch': ('muzero/', 'baselines/ppo_agent', 'baselines/ppo.py', 'training/run_directory'),
+    'stable_baselines3': ('baselines/ppo_agent', 'baselines/ppo_env'),
     'ray': ('muzero/distributed',),
 }
 MESSAGES = {'builtin_interfaces', 'rcl_interfaces'}
