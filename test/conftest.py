@@ -64,6 +64,7 @@ def make_model(tmp_path_factory, random_tensors):
             task=task,
             vessel=vessel or VesselParams(),
             lidar=lidar or LidarParams(),
+            discount=0.99,
             network={'latent': LATENT},
             search={'simulations': 8},
             training={'steps': 0},

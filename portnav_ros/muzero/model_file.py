@@ -29,7 +29,7 @@ from portnav_ros.types import Array32
 from portnav_ros.vessel import VesselParams
 
 SCHEMA = 1
-CONFIGURATION = ('algorithm', 'task', 'vessel', 'lidar', 'network', 'search')
+CONFIGURATION = ('algorithm', 'task', 'vessel', 'lidar', 'discount', 'network', 'search')
 CONFIGURATION_HASH = 'configuration_sha256'
 P = TypeVar('P')
 
@@ -38,16 +38,17 @@ P = TypeVar('P')
 class Card:
     """What a model is, in values that JSON knows.
 
-    task, vessel, lidar: what it was trained on. network: sizes of its layers. search: parameters of the
-    search at run time, empty for a model that does not search. training: difficulty, steps, seed, hash of
-    the training configuration. evaluation: split, episodes, success with its interval, command.
-    version, git_commit: of the code that trained it.
+    task, vessel, lidar: what it was trained on. discount: of one decision. network: sizes of its layers.
+    search: parameters of the search at run time, empty for a model that does not search. training:
+    difficulty, steps, seed, hash of the training configuration. evaluation: split, episodes, success with
+    its interval, command. version, git_commit: of the code that trained it.
     """
 
     algorithm: Literal['muzero', 'ppo']
     task: TaskParams
     vessel: VesselParams
     lidar: LidarParams
+    discount: float
     network: Mapping[str, Any]
     search: Mapping[str, Any] = field(default_factory=dict)
     training: Mapping[str, Any] = field(default_factory=dict)
@@ -84,7 +85,7 @@ def save_model(path: Path, tensors: Mapping[str, Array32], card: Card) -> None:
     """
     _check_suffix(path)
     _check_weights(path, tensors)
-    document = json.loads(json.dumps(dataclasses.asdict(card)))  # tuples become lists, as they will be read
+    document = _as_json(dataclasses.asdict(card))
     fingerprint = configuration_hash(document)
     weights = save(
         {name: np.ascontiguousarray(tensor) for name, tensor in tensors.items()},
@@ -99,7 +100,7 @@ def save_model(path: Path, tensors: Mapping[str, Array32], card: Card) -> None:
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     _write(path, weights)
-    _write(card_path(path), (json.dumps(document, indent=1) + '\n').encode())
+    _write(card_path(path), (json.dumps(document, indent=1, allow_nan=False) + '\n').encode())
 
 
 def load_model(path: Path) -> Model:
@@ -172,6 +173,23 @@ def check_sensor(model: Model, lidar: LidarParams) -> None:
         )
 
 
+def _as_json(value: Any) -> Any:
+    """Lists for tuples, and words for the numbers that JSON lacks."""
+    if isinstance(value, Mapping):
+        return {key: _as_json(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_as_json(item) for item in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _from_json(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _from_json(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_from_json(item) for item in value]
+    return float(value) if value in ('inf', '-inf', 'nan') else value
+
+
 def _check_suffix(path: Path) -> None:
     if path.suffix != '.safetensors':
         raise ModelError(f'{path}: a model ends in .safetensors')
@@ -224,7 +242,7 @@ def _read_weights(path: Path) -> tuple[str, dict[str, Array32]]:
 
 
 def _read_card(document: Mapping[str, Any], path: Path) -> Card:
-    values = {key: document[key] for key in _card_keys()}
+    values = {key: _from_json(document[key]) for key in _card_keys()}
     values['task'] = _read_params(TaskParams(), document, 'task', path)
     values['vessel'] = _read_params(VesselParams(), document, 'vessel', path)
     values['lidar'] = _read_params(LidarParams(), document, 'lidar', path)
