@@ -1,0 +1,273 @@
+"""The networks without torch: float32 arrays, compiled layers, one BLAS product per layer and batch.
+
+`networks.Network` trains these weights and is the oracle of this module. Rows of a batch go through the
+same arithmetic whether they come alone or together, but for the order of sums inside BLAS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numba import njit
+
+from portnav_ros.muzero.softmax import exp_row
+from portnav_ros.muzero.tree import Step, new_step
+from portnav_ros.types import AnyArray, Array32
+
+EPSILON = np.float32(1e-5)  # of torch's LayerNorm
+ZERO, ONE = np.float32(0.0), np.float32(1.0)
+
+
+class Model(Protocol):
+    """What a search plans with. B rows, F features, L latent values, A actions; values in units of reward."""
+
+    def represent(self, observation: Array32) -> Array32:
+        """Latent [B, L] of observations [B, F]."""
+
+    def predict(self, latent: Array32) -> tuple[Array32, Array32]:
+        """Logits of the policy [B, A] and value [B]."""
+
+    def step(self, latent: Array32, action: AnyArray) -> Step:
+        """What actions [B] lead to from latents [B, L]."""
+
+
+class Layer(NamedTuple):
+    """Linear, LayerNorm and ReLU. A bias of more than one row holds one row for each action."""
+
+    weight: Array32  # [inputs, outputs]
+    bias: Array32  # [1 or A, outputs]
+    norm: Array32  # [2, outputs]: scale and shift
+
+
+class Head(NamedTuple):
+    """Linear maps of one input, side by side."""
+
+    weight: Array32  # [inputs, outputs]
+    bias: Array32  # [outputs]
+
+
+class Weights(NamedTuple):
+    """The networks h, g and f; `weights_of` reads them from a state dict."""
+
+    represent: tuple[Layer, ...]
+    represent_out: Head
+    represent_norm: Array32  # [2, L]
+    dynamics: tuple[Layer, ...]
+    dynamics_out: (
+        Head  # change of latent [L], reward logits [bins], and logit of going on [1] if there is one
+    )
+    dynamics_norm: Array32  # [2, L]
+    predict: tuple[Layer, ...]
+    predict_out: Head  # policy logits [A], value logits [bins]
+    reward_atoms: Array32  # [bins] units of reward
+    value_atoms: Array32  # [bins] units of reward
+
+
+class Buffers(NamedTuple):
+    """Working space of the compiled layers for B rows."""
+
+    dynamics: tuple[Array32, ...]
+    dynamics_out: Array32
+    predict: tuple[Array32, ...]
+    predict_out: Array32
+    none: AnyArray  # [B] zeros: the bias row of layers that no action enters
+
+
+class NumpyModel:
+    """A `Model` of trained weights."""
+
+    def __init__(self, weights: Weights, discount: float) -> None:
+        """Take weights, and the discount of one decision."""
+        self.weights = weights
+        self.discount = np.float32(discount)
+        self.actions = weights.dynamics[0].bias.shape[0]
+        self.latent = weights.dynamics_norm.shape[1]
+        self.buffers = _new_buffers(weights, 0)
+
+    def represent(self, observation: Array32) -> Array32:
+        """Latent [B, L] of observations [B, F]."""
+        values = np.ascontiguousarray(observation, np.float32)
+        none = np.zeros(len(values), np.int32)
+        for layer in self.weights.represent:
+            hidden = np.empty((len(values), layer.weight.shape[1]), np.float32)
+            run_layer(values, layer, none, hidden)
+            values = hidden
+        out = values @ self.weights.represent_out.weight + self.weights.represent_out.bias
+        for row in out:
+            normalise(row, self.weights.represent_norm)
+        return np.asarray(out)
+
+    def predict(self, latent: Array32) -> tuple[Array32, Array32]:
+        """Logits of the policy [B, A] and value [B] of latents [B, L]."""
+        step = new_step(len(latent), self.actions, self.latent)
+        step.latent[:] = latent
+        run_predict(self.weights, self.reserve(len(latent)), step)
+        return step.logits, step.value
+
+    def step(self, latent: Array32, action: AnyArray) -> Step:
+        """What actions [B] lead to from latents [B, L]."""
+        step = new_step(len(latent), self.actions, self.latent)
+        run_step(
+            self.weights, self.reserve(len(latent)), self.discount, latent, action.astype(np.int32), step
+        )
+        return step
+
+    def reserve(self, batch: int) -> Buffers:
+        """Working space for that many rows, kept until another number is asked for."""
+        if len(self.buffers.none) != batch:
+            self.buffers = _new_buffers(self.weights, batch)
+        return self.buffers
+
+
+def weights_of(state: Mapping[str, AnyArray], speeds: int) -> Weights:
+    """Arrange a state dict of `networks.Network`, as numpy arrays, for inference.
+
+    Args:
+        state: arrays by torch's names.
+        speeds: speeds of the action grid; action = heading index * speeds + speed index.
+
+    Raises:
+        KeyError: an array is missing.
+    """
+    dynamics = _layers(state, 'dynamics.body')
+    latent = state['dynamics.norm.weight'].shape[0]
+    first = dynamics[0]
+    headings = first.weight.shape[0] - latent - speeds
+    by_heading, by_speed = first.weight[latent : latent + headings], first.weight[latent + headings :]
+    by_action = by_heading[:, None] + by_speed[None, :] + first.bias[0]
+    action_bias = by_action.reshape(headings * speeds, -1)
+    dynamics[0] = Layer(
+        np.ascontiguousarray(first.weight[:latent]), np.ascontiguousarray(action_bias), first.norm
+    )
+    alive = ['dynamics.alive'] if 'dynamics.alive.weight' in state else []
+    return Weights(
+        represent=tuple(_layers(state, 'representation.body')),
+        represent_out=_head(state, 'representation.out'),
+        represent_norm=_norm(state, 'representation.norm'),
+        dynamics=tuple(dynamics),
+        dynamics_out=_head(state, 'dynamics.out', 'dynamics.reward', *alive),
+        dynamics_norm=_norm(state, 'dynamics.norm'),
+        predict=tuple(_layers(state, 'prediction.body')),
+        predict_out=_head(state, 'prediction.policy', 'prediction.value'),
+        reward_atoms=_float(state['reward_atoms']),
+        value_atoms=_float(state['value_atoms']),
+    )
+
+
+def _float(values: AnyArray) -> Array32:
+    return np.array(values, np.float32, order='C')
+
+
+def _norm(state: Mapping[str, AnyArray], name: str) -> Array32:
+    return _float(np.stack([state[f'{name}.weight'], state[f'{name}.bias']]))
+
+
+def _layers(state: Mapping[str, AnyArray], name: str) -> list[Layer]:
+    layers: list[Layer] = []
+    while f'{name}.{len(layers)}.linear.weight' in state:
+        block = f'{name}.{len(layers)}'
+        weight, bias = state[f'{block}.linear.weight'], state[f'{block}.linear.bias']
+        layers.append(Layer(_float(weight.T), _float(bias[None]), _norm(state, f'{block}.norm')))
+    if not layers:
+        raise KeyError(f'{name}.0.linear.weight')
+    return layers
+
+
+def _head(state: Mapping[str, AnyArray], *names: str) -> Head:
+    weight = np.concatenate([state[f'{name}.weight'].T for name in names], 1)
+    return Head(_float(weight), _float(np.concatenate([state[f'{name}.bias'] for name in names])))
+
+
+def _new_buffers(weights: Weights, batch: int) -> Buffers:
+    def rows(like: Array32) -> Array32:
+        return np.zeros((batch, like.shape[-1]), np.float32)
+
+    dynamics, predict = (
+        tuple(rows(layer.weight) for layer in layers) for layers in (weights.dynamics, weights.predict)
+    )
+    outs = rows(weights.dynamics_out.weight), rows(weights.predict_out.weight)
+    return Buffers(dynamics, outs[0], predict, outs[1], np.zeros(batch, np.int32))
+
+
+@njit(cache=True)
+def run_step(
+    weights: Weights, buffers: Buffers, discount: np.float32, latent: Array32, action: AnyArray, step: Step
+) -> None:
+    """Fill a step with what the networks g and f tell of actions [B] from latents [B, L]."""
+    hidden = latent
+    rows = action
+    for i in range(len(weights.dynamics)):
+        run_layer(hidden, weights.dynamics[i], rows, buffers.dynamics[i])
+        hidden = buffers.dynamics[i]
+        rows = buffers.none
+    out = buffers.dynamics_out
+    np.dot(hidden, weights.dynamics_out.weight, out)
+    size, bins = latent.shape[1], len(weights.reward_atoms)
+    for b in range(len(latent)):
+        for i in range(out.shape[1]):
+            out[b, i] += weights.dynamics_out.bias[i]
+        for i in range(size):
+            step.latent[b, i] = latent[b, i] + out[b, i]
+        normalise(step.latent[b], weights.dynamics_norm)
+        step.reward[b] = expectation(out[b], size, weights.reward_atoms)
+        step.discount[b] = discount
+        if out.shape[1] > size + bins:
+            step.discount[b] *= ONE / (ONE + np.exp(-out[b, size + bins]))
+    run_predict(weights, buffers, step)
+
+
+@njit(cache=True)
+def run_predict(weights: Weights, buffers: Buffers, step: Step) -> None:
+    """Fill in the logits and the value of a step whose latents are known."""
+    hidden = step.latent
+    for i in range(len(weights.predict)):
+        run_layer(hidden, weights.predict[i], buffers.none, buffers.predict[i])
+        hidden = buffers.predict[i]
+    out = buffers.predict_out
+    np.dot(hidden, weights.predict_out.weight, out)
+    actions = step.logits.shape[1]
+    for b in range(len(out)):
+        for i in range(out.shape[1]):
+            out[b, i] += weights.predict_out.bias[i]
+        step.logits[b] = out[b, :actions]
+        step.value[b] = expectation(out[b], actions, weights.value_atoms)
+
+
+@njit(cache=True)
+def run_layer(values: Array32, layer: Layer, rows: AnyArray, out: Array32) -> None:
+    """Write relu(norm(values @ weight + bias[rows])) to out [B, outputs]."""
+    np.dot(values, layer.weight, out)
+    for b in range(len(out)):
+        bias = layer.bias[rows[b]]
+        for i in range(out.shape[1]):
+            out[b, i] += bias[i]
+        normalise(out[b], layer.norm)
+        for i in range(out.shape[1]):
+            out[b, i] = max(out[b, i], ZERO)
+
+
+@njit(cache=True, fastmath={'contract', 'reassoc', 'nsz'})
+def normalise(row: Array32, norm: Array32) -> None:
+    """LayerNorm of one row, in place."""
+    size = np.float32(len(row))
+    mean, square = ZERO, ZERO
+    for i in range(len(row)):
+        mean += row[i]
+    mean /= size
+    for i in range(len(row)):
+        square += (row[i] - mean) * (row[i] - mean)
+    scale = ONE / np.sqrt(square / size + EPSILON)
+    for i in range(len(row)):
+        row[i] = (row[i] - mean) * scale * norm[0, i] + norm[1, i]
+
+
+@njit(cache=True, fastmath={'contract', 'reassoc', 'nsz'})
+def expectation(row: Array32, start: int, atoms: Array32) -> np.float32:
+    """Mean of the atoms under the softmax of the logits from `start` on, which it overwrites."""
+    total = exp_row(row, start, start + len(atoms))
+    weighted = ZERO
+    for i in range(len(atoms)):
+        weighted += row[start + i] * atoms[i]
+    return weighted / total
