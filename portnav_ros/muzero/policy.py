@@ -1,22 +1,179 @@
-"""The learned local planner: reads a released model. No model is released yet."""
+"""The learned local planner at run time: a released model, and a search in it at each decision.
+
+One vessel is searched for at a time, by the one compiled path that the ROS node runs too, so that no
+decision depends on how many are made together.
+"""
 
 from __future__ import annotations
 
+import warnings
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
 
 from portnav_ros.muzero import ModelError
-from portnav_ros.task.policy import Policy
+from portnav_ros.muzero.inference import NumpyModel, Weights, weights_of
+from portnav_ros.muzero.model_file import Card, Model, check_sensor, load_model, vessel_misfit
+from portnav_ros.muzero.rollout import predicted_track
+from portnav_ros.muzero.search import Search, SearchParams
+from portnav_ros.params import ParamError, override
+from portnav_ros.sim.scenario import LidarParams
+from portnav_ros.task.agent import AgentPolicy
+from portnav_ros.task.policy import Observation
+from portnav_ros.types import Array, Array32, BoolArray, IntArray
+from portnav_ros.vessel import VesselParams
 
 
-def load_policy(path: Path) -> Policy:
-    """Read a model's weights and card.
+class Decision(NamedTuple):
+    """What the search found. A actions, D of them in a row; without a search the prior alone decides.
+
+    value: return expected, in units of reward. visits, prior: [A] of the root. best: [D] the action
+    taken, then the most visited ones.
+    """
+
+    value: float
+    visits: IntArray
+    prior: Array32
+    best: IntArray
+
+
+def load_policy(
+    path: Path,
+    vessel: VesselParams,
+    lidar: LidarParams,
+    simulations: int | None = None,
+    allow_mismatch: bool = False,
+) -> MuZeroPolicy:
+    """Read a model for a vessel and its sensor.
+
+    Args:
+        path: of the weights; their card lies beside them.
+        vessel: who will sail.
+        lidar: the sensor.
+        simulations: of each search, in place of the card's; 0 takes the prior's best action.
+        allow_mismatch: only warn where the model was trained for another vessel.
 
     Raises:
-        ModelError: there is none, or this version cannot run it.
+        ModelError: there is no model, or it does not fit.
     """
-    if not path.exists():
+    model = load_model(path)
+    misfit = vessel_misfit(model, vessel)
+    if misfit and not allow_mismatch:
+        raise ModelError(misfit)
+    if misfit:
+        warnings.warn(misfit, stacklevel=2)
+    return MuZeroPolicy(model, lidar, simulations)
+
+
+class MuZeroPolicy:
+    """Plans with a model's networks from what its agent sees; always takes the best action.
+
+    decision: the last one, of whichever vessel; None before the first.
+    """
+
+    def __init__(self, model: Model, lidar: LidarParams, simulations: int | None = None) -> None:
+        """Take a model, and another number of simulations than its card's where given.
+
+        Raises:
+            ModelError: the weights are not those of a MuZero network for the card's task, or the sensor
+                is not the one it was trained with.
+        """
+        check_sensor(model, lidar)
+        card = model.card
+        self.model = model
+        self.decision: Decision | None = None
+        self._networks = NumpyModel(_weights(model), card.discount)
+        self._search = _search(model, self._networks, simulations)
+        self._agent = AgentPolicy(card.task.observation, card.task.actions, lidar, self._decide)
+        self._random = np.random.default_rng(0)
+
+    @property
+    def simulations(self) -> int:
+        """Simulations of each search; 0 where the prior alone decides."""
+        return self._search.params.simulations if self._search else 0
+
+    def reset(self, which: BoolArray) -> None:
+        """Forget the vessels [B] (bool)."""
+        self._agent.reset(which)
+
+    def act(self, observation: Observation) -> Array:
+        """Return setpoints [B, 2]: heading in rad and surge speed in m/s."""
+        return self._agent.act(observation)
+
+    def best_track(self, own: Array, path: Array) -> Array:
+        """Track [T, 2] m that the last decision plans for, from a state row [7] along a path [W, 2]."""
+        actions = self.decision.best if self.decision else np.zeros(0, np.int64)
+        card = self.model.card
+        lookahead_m = card.task.observation.lookahead_m
+        return predicted_track(actions, own, path, card.task.actions, lookahead_m, card.vessel)
+
+    def _decide(self, features: Array32) -> IntArray:
+        decisions = [self._plan(row[None]) for row in features]
+        self.decision = decisions[-1]
+        return np.array([decision.best[0] for decision in decisions])
+
+    def _plan(self, features: Array32) -> Decision:
+        """Decide for one vessel's features [1, F]."""
+        if self._search is None:
+            return _prior_decision(self._networks, features)
+        result = self._search.run(self._networks, features, self._random, temperature=0.0)
+        path = result.best_path[0]
+        return Decision(float(result.value[0]), result.visits[0], result.prior[0], path[path >= 0])
+
+
+def _prior_decision(networks: NumpyModel, features: Array32) -> Decision:
+    logits, value = networks.predict(networks.represent(features))
+    weights = np.exp(logits[0] - logits[0].max())
+    prior = weights / weights.sum()
+    return Decision(float(value[0]), np.zeros(len(prior), np.int64), prior, np.array([prior.argmax()]))
+
+
+def _search(model: Model, networks: NumpyModel, simulations: int | None) -> Search | None:
+    """A search that explores nothing, as the card has it; None for 0 simulations."""
+    try:
+        params = override(SearchParams(), model.card.search, f'{model.path.stem}.json: search')
+        params = replace(params, gumbel_scale=0.0, dirichlet_fraction=0.0)
+        if simulations == 0:
+            return None
+        if simulations is not None:
+            params = replace(params, simulations=simulations)
+    except ParamError as error:
+        raise ModelError(f'{model.path}: {error}') from error
+    return Search(params, 1, networks.actions, networks.latent)
+
+
+def _weights(model: Model) -> Weights:
+    """Arrange the tensors, once they are known to be those of a network for the card's task."""
+    if model.card.algorithm != 'muzero':
         raise ModelError(
-            f'{path}: no such model; none is released with this version in models/, '
-            'so run dwa_planner or line_of_sight_planner instead'
+            f'{model.path}: algorithm: {model.card.algorithm}, expected muzero; name another model'
         )
-    raise ModelError(f'{path}: this version cannot run a MuZero model; run dwa_planner instead')
+    try:
+        weights = weights_of(model.tensors, len(model.card.task.actions.speed_mps))
+    except KeyError as error:
+        raise ModelError(f'{model.path}: no tensor {error}; save the model again') from error
+    except (ValueError, IndexError) as error:
+        raise ModelError(f'{model.path}: the tensors do not fit each other ({error})') from error
+    _check_widths(model.path, model.card, weights)
+    return weights
+
+
+def _check_widths(path: Path, card: Card, weights: Weights) -> None:
+    latent, actions = weights.dynamics_norm.shape[1], card.task.actions.count
+    reward, value = len(weights.reward_atoms), len(weights.value_atoms)
+    alive = int(weights.dynamics_out.weight.shape[1] == latent + reward + 1)
+    for part, inputs, layers, out, outputs in (
+        ('representation', card.task.observation.size, weights.represent, weights.represent_out, latent),
+        ('dynamics', latent, weights.dynamics, weights.dynamics_out, latent + reward + alive),
+        ('prediction', latent, weights.predict, weights.predict_out, actions + value),
+    ):
+        widths = [layer.weight.shape[1] for layer in layers]
+        added = [array.shape[-1] for layer in layers for array in layer[1:]]  # biases and norms
+        found = [*(layer.weight.shape[0] for layer in layers), *out.weight.shape, *added, len(out.bias)]
+        expected = [inputs, *widths, outputs, *(width for width in widths for _ in range(2)), outputs]
+        if found != expected:
+            raise ModelError(f'{path}: {part}: layers of widths {found}, expected {expected} from its card')
+    if len(weights.dynamics[0].bias) != actions or weights.represent_norm.shape[1] != latent:
+        raise ModelError(f'{path}: dynamics: made for other actions than the {actions} of its card')
