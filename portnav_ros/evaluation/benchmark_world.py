@@ -16,7 +16,7 @@ from tqdm import tqdm
 from portnav_ros.sim.world import World
 from portnav_ros.task.actions import setpoints_of
 from portnav_ros.task.env import PortVectorEnv
-from portnav_ros.types import Array, Array32, IntArray, Outcome
+from portnav_ros.types import YAW, Array, Array32, IntArray, Outcome
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -88,7 +88,7 @@ def _shares(env: PortVectorEnv, actions: IntArray) -> dict[str, float]:
         spent[part] += time.process_time() - start
 
     for row in actions:
-        setpoints = setpoints_of(row, world.own, table)
+        setpoints = setpoints_of(row, world.own[:, YAW], table)
         timed('motion_and_scan', partial(world.step, setpoints))
         timed('scan', world.sense)
         timed('observation', env.observe)

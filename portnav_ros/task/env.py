@@ -111,7 +111,9 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
         return features.copy(), self._info()
 
     def step(self, actions: IntArray) -> tuple[Array32, Array, BoolArray, BoolArray, dict[str, Any]]:
-        """Sail B vessels for one decision period.
+        """Sail B vessels for one action: a decision period, or as many as an action is held for.
+
+        Rewards are summed over them.
 
         Raises:
             gymnasium.error.InvalidAction: an action is not in the action space.
@@ -121,10 +123,8 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
             raise gymnasium.error.InvalidAction(
                 f'{actions!r}: expected {self.num_envs} below {len(self._table)}'
             )
-        self._world.step(setpoints_of(actions, self._world.own, self._table))
-        features = self.observe()
+        features, terms = self._sail(actions)
         outcome = self._world.outcome.copy()
-        terms = reward_terms(self.task.reward, self._observer.errors, outcome)
         infos = self._info(terms)
         truncated = outcome == Outcome.TIMEOUT
         terminated = (outcome != Outcome.RUNNING) & ~truncated
@@ -133,6 +133,22 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
             infos['final_obs'], infos['_final_obs'] = features.copy(), ended
             features = self._begin(ended)
         return features.copy(), terms.sum(axis=1), terminated, truncated, infos
+
+    def _sail(self, actions: IntArray) -> tuple[Array32, Array]:
+        """Hold the setpoints for the decision periods of an action; return features and summed terms."""
+        world, params = self._world, self.task.actions
+        reference = params.reference_rad(world.own, self._observer.errors)
+        setpoints = setpoints_of(actions, reference, self._table)
+        total = np.zeros((self.num_envs, len(TERMS)))
+        started = world.outcome == Outcome.RUNNING
+        for period in range(1, params.hold + 1):
+            running = world.outcome == Outcome.RUNNING
+            world.step(setpoints)
+            last = period == params.hold
+            features = self.observe(started if last else running, deciding=last)
+            terms = reward_terms(self.task.reward, self._observer.errors, world.outcome)
+            total[running] += terms[running]
+        return features, total
 
     def _draw(self, b: int) -> tuple[Scenario, Array]:
         scenario = self._source(self._generators[b])
@@ -149,10 +165,10 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
         self._observer.reset(which, paths)
         return self.observe(which)
 
-    def observe(self, which: BoolArray | None = None) -> Array32:
+    def observe(self, which: BoolArray | None = None, deciding: bool = True) -> Array32:
         """Take in one more frame for the vessels `which` [B] (all by default); return [B, F]."""
         world = self._world
-        return self._observer.update(world.own, world.ranges, world.setpoint, which).features
+        return self._observer.update(world.own, world.ranges, world.setpoint, which, deciding).features
 
     def _info(self, terms: Array | None = None) -> dict[str, Any]:
         if terms is None:

@@ -1,7 +1,8 @@
 """What the local planner sees: ranges, odometry, path errors, points ahead, the previous action.
 
 Herremans et al. stack four such frames. The paper does not tell scales, frames or spacing; those
-chosen here are the fields of `ObservationParams`, and all points are in the body frame.
+chosen here are the fields of `ObservationParams`, and all points are in the body frame. The layout
+`aligned` is our own: one frame, with scans of several ages put where they are now (task/aligned.py).
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,6 +18,7 @@ from numba import njit
 from portnav_ros.geometry import to_body, wrap_angle
 from portnav_ros.params import ParamError, check_range
 from portnav_ros.sim.scenario import PATH_SPACING_M, LidarParams
+from portnav_ros.task.aligned import ScanMemory, new_memory, remember, write_aligned
 from portnav_ros.task.path_errors import advance, path_errors, path_point
 from portnav_ros.task.policy import Observation
 from portnav_ros.types import SURGE, YAW, YAW_RATE, Array, Array32, BoolArray, IntArray, X, Y
@@ -24,9 +26,15 @@ from portnav_ros.types import SURGE, YAW, YAW_RATE, Array, Array32, BoolArray, I
 
 @dataclass(frozen=True)
 class ObservationParams:
-    """Shape and scales of the feature vector."""
+    """Shape and scales of the feature vector.
 
+    layout: `stacked` is the paper's, `frames` whole frames one after the other; `aligned` holds scans
+    of the given ages, in decision periods, in the frame of the line-of-sight course.
+    """
+
+    layout: Literal['stacked', 'aligned'] = 'stacked'
     frames: int = 4
+    ages: tuple[int, ...] = (0, 2, 5, 10)
     sectors: int = 60  # rays are pooled into sectors by their minimum
     path_points: int = 10
     path_point_spacing_m: float = 30.0
@@ -35,6 +43,7 @@ class ObservationParams:
     speed_scale_mps: float = 5.0
     yaw_rate_scale_radps: float = 0.05
     heading_change_scale_rad: float = math.pi / 6.0
+    remaining_scale_m: float = 1000.0
 
     def __post_init__(self) -> None:
         """Refuse empty shapes and zero scales."""
@@ -49,7 +58,12 @@ class ObservationParams:
             speed_scale_mps=(1e-3, 1e3),
             yaw_rate_scale_radps=(1e-6, 1e3),
             heading_change_scale_rad=(1e-3, math.pi),
+            remaining_scale_m=(1.0, 1e6),
         )
+        if self.layout not in ('stacked', 'aligned'):
+            raise ParamError(f'layout = {self.layout!r} must be stacked or aligned')
+        if not self.ages or min(self.ages) < 0 or max(self.ages) > 120:
+            raise ParamError(f'ages = {self.ages} needs values from 0 to 120')
 
     @property
     def frame_size(self) -> int:
@@ -59,6 +73,8 @@ class ObservationParams:
     @property
     def size(self) -> int:
         """Length F of the feature vector, newest frame first."""
+        if self.layout == 'aligned':
+            return self.frame_size + (len(self.ages) - 1) * self.sectors + 1
         return self.frames * self.frame_size
 
 
@@ -74,6 +90,7 @@ class Scales(NamedTuple):
     speed_mps: float
     yaw_rate_radps: float
     heading_change_rad: float
+    remaining_m: float
 
 
 class Observer:
@@ -85,7 +102,7 @@ class Observer:
         Raises:
             ParamError: the rays cannot be pooled into equal sectors.
         """
-        if lidar.rays % params.sectors:
+        if params.layout == 'stacked' and lidar.rays % params.sectors:
             raise ParamError(f'sectors = {params.sectors} does not divide the {lidar.rays} rays of the lidar')
         self.params = params
         self._scales = Scales(
@@ -98,7 +115,11 @@ class Observer:
             params.speed_scale_mps,
             params.yaw_rate_scale_radps,
             params.heading_change_scale_rad,
+            params.remaining_scale_m,
         )
+        self._ages = np.array(params.ages, np.int64)
+        depth = max(params.ages) + 1 if params.layout == 'aligned' else 0
+        self._memory = new_memory(batch, depth, lidar.rays)
         self._features = np.zeros((batch, params.size), np.float32)
         self._path = np.zeros((batch, 2, 2))
         self._count = np.full(batch, 2, np.int64)
@@ -130,7 +151,12 @@ class Observer:
         self._last_yaw[which] = np.nan
 
     def update(
-        self, own: Array, ranges: Array32, setpoint: Array, which: BoolArray | None = None
+        self,
+        own: Array,
+        ranges: Array32,
+        setpoint: Array,
+        which: BoolArray | None = None,
+        deciding: bool = True,
     ) -> Observation:
         """Take in a decision period.
 
@@ -139,25 +165,63 @@ class Observer:
             ranges: [B, R] m as sensed.
             setpoint: [B, 2] the setpoints given at the last decision; unread after a reset.
             which: [B] the vessels to update; all by default.
+            deciding: whether anyone reads the features; aligned ones are not made otherwise.
         """
-        _observe(
-            self._scales,
-            own,
-            ranges,
-            setpoint,
-            self._path,
-            self._count,
-            self._progress,
-            self._errors,
-            self._last_yaw,
-            self._features,
-            self._everyone if which is None else which,
-        )
+        chosen = self._everyone if which is None else which
+        fresh = np.isnan(self._last_yaw)
+        _locate(self._scales.lookahead_m, own, self._path, self._count, self._progress, self._errors, chosen)
+        if self.params.layout == 'aligned':
+            remember(self._memory, own, ranges, fresh, chosen)
+            if deciding:
+                _write_aligned_rows(
+                    self._scales,
+                    self._ages,
+                    self._memory,
+                    own,
+                    setpoint,
+                    self._path,
+                    self._count,
+                    self._progress,
+                    self._errors,
+                    fresh,
+                    self._features,
+                    chosen,
+                )
+        else:
+            _write_stacked_rows(
+                self._scales,
+                own,
+                ranges,
+                setpoint,
+                self._path,
+                self._count,
+                self._progress,
+                self._errors,
+                self._last_yaw,
+                self._features,
+                chosen,
+            )
+        self._last_yaw[chosen] = own[chosen, YAW]
         return Observation(ranges, own, self._path, self._count, self._progress, self._features)
 
 
 @njit(cache=True, nogil=True)
-def _observe(
+def _locate(
+    lookahead_m: float,
+    own: Array,
+    path: Array,
+    count: IntArray,
+    progress: Array,
+    errors: Array,
+    which: BoolArray,
+) -> None:
+    for b in np.flatnonzero(which):
+        progress[b] = advance(path[b], count[b], progress[b], own[b, X], own[b, Y])
+        errors[b] = path_errors(own[b], path[b], count[b], progress[b], lookahead_m)
+
+
+@njit(cache=True, nogil=True)
+def _write_stacked_rows(
     scales: Scales,
     own: Array,
     ranges: Array32,
@@ -174,20 +238,49 @@ def _observe(
     frames = features.shape[1] // frame
     for b in np.flatnonzero(which):
         fresh = math.isnan(last_yaw[b])
-        progress[b] = advance(path[b], count[b], progress[b], own[b, X], own[b, Y])
-        errors[b] = path_errors(own[b], path[b], count[b], progress[b], scales.lookahead_m)
         for f in range(frames - 1, 0, -1):
             features[b, f * frame : (f + 1) * frame] = features[b, (f - 1) * frame : f * frame]
         row = features[b, :frame]
         _pool(ranges[b], scales.range_m, row[: scales.sectors])
         at = _write_motion(scales, own[b], errors[b], row, scales.sectors)
-        at = _write_path(scales, own[b], path[b], count[b], progress[b], row, at)
+        at = _write_path(scales, own[b], own[b, YAW], path[b], count[b], progress[b], row, at)
         row[at] = 0.0 if fresh else wrap_angle(setpoint[b, 0] - last_yaw[b]) / scales.heading_change_rad
         row[at + 1] = 0.0 if fresh else setpoint[b, 1] / scales.speed_mps
-        last_yaw[b] = own[b, YAW]
         if fresh:
             for f in range(1, frames):
                 features[b, f * frame : (f + 1) * frame] = row
+
+
+@njit(cache=True, nogil=True)
+def _write_aligned_rows(
+    scales: Scales,
+    ages: IntArray,
+    memory: ScanMemory,
+    own: Array,
+    setpoint: Array,
+    path: Array,
+    count: IntArray,
+    progress: Array,
+    errors: Array,
+    fresh: BoolArray,
+    features: Array32,
+    which: BoolArray,
+) -> None:
+    """Closeness by age and sector, motion and errors, path points, setpoint, what remains of the path.
+
+    The setpoint is the one given at the last decision, its heading counted from the course.
+    """
+    for b in np.flatnonzero(which):
+        course = own[b, YAW] - errors[b, 2]
+        row, at = features[b], len(ages) * scales.sectors
+        for k in range(len(ages)):
+            sectors = row[k * scales.sectors : (k + 1) * scales.sectors]
+            write_aligned(memory, b, ages[k], course, scales.range_m, sectors)
+        at = _write_motion(scales, own[b], errors[b], row, at)
+        at = _write_path(scales, own[b], course, path[b], count[b], progress[b], row, at)
+        row[at] = 0.0 if fresh[b] else wrap_angle(setpoint[b, 0] - course) / scales.heading_change_rad
+        row[at + 1] = 0.0 if fresh[b] else setpoint[b, 1] / scales.speed_mps
+        row[at + 2] = (count[b] - 1 - progress[b]) * PATH_SPACING_M / scales.remaining_m
 
 
 @njit(cache=True, nogil=True)
@@ -214,11 +307,12 @@ def _write_motion(scales: Scales, own: Array, errors: Array, row: Array32, at: i
 
 @njit(cache=True, nogil=True)
 def _write_path(
-    scales: Scales, own: Array, path: Array, count: int, progress: float, row: Array32, at: int
+    scales: Scales, own: Array, axis: float, path: Array, count: int, progress: float, row: Array32, at: int
 ) -> int:
+    """Write points ahead on the path, seen from the vessel with x along the heading `axis`."""
     for k in range(scales.path_points):
         px, py = path_point(path, count, progress + (k + 1) * scales.path_step)
-        x, y = to_body(own[X], own[Y], own[YAW], px, py)
+        x, y = to_body(own[X], own[Y], axis, px, py)
         row[at + 2 * k] = x / scales.range_m
         row[at + 2 * k + 1] = y / scales.range_m
     return at + 2 * scales.path_points

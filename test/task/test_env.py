@@ -11,7 +11,9 @@ from gymnasium.vector import AutoresetMode
 import portnav_ros.task.env
 from portnav_ros.sim.scenario import ScenarioError
 from portnav_ros.sim.scenario_files import load_scenario
-from portnav_ros.task.env import PortVectorEnv
+from portnav_ros.task.actions import ActionParams
+from portnav_ros.task.env import PortVectorEnv, TaskParams
+from portnav_ros.task.reward import RewardParams, reward_terms
 from portnav_ros.types import Outcome
 
 STRAIGHT = 14  # heading kept, 5 m/s
@@ -109,3 +111,20 @@ def test_a_scenario_without_a_path_is_refused():
 
 def test_module_registers_the_environment():
     assert portnav_ros.task.env.gymnasium.spec('portnav_ros/Port-v0').vector_entry_point is not None
+
+
+def test_a_held_action_is_its_setpoint_given_again():
+    held = vector(task=TaskParams(actions=ActionParams(hold=3)))
+    single = vector()
+    held.reset(seed=1)
+    single.reset(seed=1)
+    actions = np.array([5, 20, 14])
+    _, reward, _, _, infos = held.step(actions)
+    _, total, _, _, _ = single.step(actions)
+    for _ in range(2):
+        single.world.step(held.world.setpoint)
+        single.observe()
+        total += reward_terms(RewardParams(), single._info()['errors'], single.world.outcome).sum(axis=1)
+    np.testing.assert_array_equal(single.world.own, held.world.own)
+    np.testing.assert_allclose(reward, total)
+    np.testing.assert_allclose(reward, infos['reward_terms'].sum(axis=1))

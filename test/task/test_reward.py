@@ -42,9 +42,10 @@ def test_the_27_actions():
 
 
 def test_setpoints_count_from_the_present_heading():
+    params = ActionParams()
     own = np.zeros((2, 7))
     own[:, 2] = [1.0, -2.0]
-    setpoints = setpoints_of(np.array([26, 13]), own, ActionParams().table())
+    setpoints = setpoints_of(np.array([26, 13]), params.reference_rad(own, np.zeros((2, 3))), params.table())
     np.testing.assert_allclose(setpoints, [[1.0 + math.pi / 6, 5.0], [-2.0, 2.5]])
 
 
