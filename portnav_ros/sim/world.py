@@ -6,7 +6,7 @@ deterministic in its scenarios and the commands it is given.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -172,6 +172,19 @@ class World:
         kernels.step_all(
             self._chart, self._crowd, self._body, self._model, self._gains, self._rays, self._sensor
         )
+
+    def state_dict(self) -> dict[str, AnyArray]:
+        """Copies of all that changes, by name, for a checkpoint."""
+        parts = (self._chart, self._crowd, self._body)
+        return {name: array.copy() for part in parts for name, array in part._asdict().items()}
+
+    def load_state_dict(self, state: Mapping[str, AnyArray]) -> None:
+        """Go on from a checkpoint of a world with as many environments, the same vessel and sensor."""
+        self._chart = chart = Chart._make(state[name].copy() for name in Chart._fields)
+        self._crowd = crowd = Crowd._make(state[name].copy() for name in Crowd._fields)
+        self._body = Body._make(state[name].copy() for name in Body._fields)
+        padded = (chart.walls, chart.buoys, crowd.hull, crowd.origin, crowd.points)
+        self._capacity = Capacity(*(array.shape[1] for array in padded))
 
     def _grow(self, capacity: Capacity) -> None:
         chart, crowd = _new_chart(self.batch, capacity), _new_crowd(self.batch, capacity)

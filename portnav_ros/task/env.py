@@ -14,7 +14,8 @@ An episode that reaches its goal or collides is terminated; one that runs out of
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -30,7 +31,7 @@ from portnav_ros.sim.world import World
 from portnav_ros.task.actions import ActionParams, setpoints_of
 from portnav_ros.task.observation import ObservationParams, Observer
 from portnav_ros.task.reward import TERMS, RewardParams, reward_terms
-from portnav_ros.types import Array, Array32, BoolArray, IntArray, Outcome
+from portnav_ros.types import AnyArray, Array, Array32, BoolArray, IntArray, Outcome
 
 ScenarioSource = Callable[[np.random.Generator], Scenario]
 
@@ -133,6 +134,24 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
             infos['final_obs'], infos['_final_obs'] = features.copy(), ended
             features = self._begin(ended)
         return features.copy(), terms.sum(axis=1), terminated, truncated, infos
+
+    def state_dict(self) -> dict[str, AnyArray]:
+        """World, observer and random generators as arrays by name, for a checkpoint."""
+        generators = [generator.bit_generator.state for generator in self._generators]
+        return {
+            **{f'world_{name}': array for name, array in self._world.state_dict().items()},
+            **{f'observer_{name}': array for name, array in self._observer.state_dict().items()},
+            'generators': np.array(json.dumps(generators)),
+        }
+
+    def load_state_dict(self, state: Mapping[str, AnyArray]) -> None:
+        """Go on from a checkpoint of an environment that was made alike."""
+        for prefix, part in (('world_', self._world), ('observer_', self._observer)):
+            own = {name.removeprefix(prefix): state[name] for name in state if name.startswith(prefix)}
+            part.load_state_dict(own)
+        saved = json.loads(str(state['generators']))
+        for generator, value in zip(self._generators, saved, strict=True):
+            generator.bit_generator.state = value
 
     def _sail(self, actions: IntArray) -> tuple[Array32, Array]:
         """Hold the setpoints for the decision periods of an action; return features and summed terms."""

@@ -8,7 +8,7 @@ chosen here are the fields of `ObservationParams`, and all points are in the bod
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -21,7 +21,7 @@ from portnav_ros.sim.scenario import PATH_SPACING_M, LidarParams
 from portnav_ros.task.aligned import ScanMemory, new_memory, remember, write_aligned
 from portnav_ros.task.path_errors import advance, path_errors, path_point
 from portnav_ros.task.policy import Observation
-from portnav_ros.types import SURGE, YAW, YAW_RATE, Array, Array32, BoolArray, IntArray, X, Y
+from portnav_ros.types import SURGE, YAW, YAW_RATE, AnyArray, Array, Array32, BoolArray, IntArray, X, Y
 
 
 @dataclass(frozen=True)
@@ -149,6 +149,27 @@ class Observer:
             self._count[b] = len(path)
         self._progress[which] = -1.0
         self._last_yaw[which] = np.nan
+
+    def state_dict(self) -> dict[str, AnyArray]:
+        """Copies of all that is remembered, by name, for a checkpoint."""
+        return {name: array.copy() for name, array in self._remembered().items()}
+
+    def load_state_dict(self, state: Mapping[str, AnyArray]) -> None:
+        """Go on from a checkpoint of an observer of as many vessels with the same parameters."""
+        self._path = state['path'].copy()
+        for name, array in self._remembered().items():
+            array[:] = state[name]
+
+    def _remembered(self) -> dict[str, AnyArray]:
+        return {
+            'path': self._path,
+            'count': self._count,
+            'progress': self._progress,
+            'errors': self._errors,
+            'last_yaw': self._last_yaw,
+            'features': self._features,
+            **{f'memory_{name}': array for name, array in self._memory._asdict().items()},
+        }
 
     def update(
         self,

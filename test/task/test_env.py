@@ -13,6 +13,7 @@ from portnav_ros.sim.scenario import ScenarioError
 from portnav_ros.sim.scenario_files import load_scenario
 from portnav_ros.task.actions import ActionParams
 from portnav_ros.task.env import PortVectorEnv, TaskParams
+from portnav_ros.task.observation import ObservationParams
 from portnav_ros.task.reward import RewardParams, reward_terms
 from portnav_ros.types import Outcome
 
@@ -128,3 +129,23 @@ def test_a_held_action_is_its_setpoint_given_again():
     np.testing.assert_array_equal(single.world.own, held.world.own)
     np.testing.assert_allclose(reward, total)
     np.testing.assert_allclose(reward, infos['reward_terms'].sum(axis=1))
+
+
+@pytest.mark.parametrize('layout', ['stacked', 'aligned'])
+def test_a_restored_environment_goes_on_alike_through_new_episodes(layout):
+    task = TaskParams(ObservationParams(layout=layout))
+    first, second = vector(task=task), vector(task=task)
+    first.reset(seed=7)
+    second.reset(seed=1)
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        first.step(rng.integers(27, size=3))
+    second.load_state_dict(first.state_dict())
+    ended = 0
+    for actions in rng.choice([2, 5, 14, 23], size=(300, 3)):
+        a, b = first.step(actions), second.step(actions)
+        for mine, other in zip(a[:4], b[:4], strict=True):
+            np.testing.assert_array_equal(mine, other)
+        np.testing.assert_array_equal(a[4]['errors'], b[4]['errors'])
+        ended += int((a[2] | a[3]).sum())
+    assert ended > 0
