@@ -19,6 +19,7 @@ from portnav_ros.muzero.model_file import Card, Model, check_sensor, load_model,
 from portnav_ros.muzero.rollout import predicted_track
 from portnav_ros.muzero.search import Search, SearchParams
 from portnav_ros.params import ParamError, override
+from portnav_ros.resources import share_directory
 from portnav_ros.sim.scenario import LidarParams
 from portnav_ros.task.agent import AgentPolicy
 from portnav_ros.task.policy import Observation
@@ -37,6 +38,11 @@ class Decision(NamedTuple):
     visits: IntArray
     prior: Array32
     best: IntArray
+
+
+def released_model() -> Path:
+    """Where the model lies that comes with the package."""
+    return share_directory() / 'models' / 'muzero.safetensors'
 
 
 def load_policy(
@@ -64,16 +70,18 @@ def load_policy(
         raise ModelError(misfit)
     if misfit:
         warnings.warn(misfit, stacklevel=2)
-    return MuZeroPolicy(model, lidar, simulations)
+    return MuZeroPolicy(model, lidar, simulations, misfit)
 
 
 class MuZeroPolicy:
     """Plans with a model's networks from what its agent sees; always takes the best action.
 
-    decision: the last one, of whichever vessel; None before the first.
+    decision: the last one, of whichever vessel; None after a reset. misfit: what the model does not fit.
     """
 
-    def __init__(self, model: Model, lidar: LidarParams, simulations: int | None = None) -> None:
+    def __init__(
+        self, model: Model, lidar: LidarParams, simulations: int | None = None, misfit: str = ''
+    ) -> None:
         """Take a model, and another number of simulations than its card's where given.
 
         Raises:
@@ -83,6 +91,7 @@ class MuZeroPolicy:
         check_sensor(model, lidar)
         card = model.card
         self.model = model
+        self.misfit = misfit
         self.decision: Decision | None = None
         self._networks = NumpyModel(_weights(model), card.discount)
         self._search = _search(model, self._networks, simulations)
@@ -95,7 +104,8 @@ class MuZeroPolicy:
         return self._search.params.simulations if self._search else 0
 
     def reset(self, which: BoolArray) -> None:
-        """Forget the vessels [B] (bool)."""
+        """Forget the vessels [B] (bool), and the last decision."""
+        self.decision = None
         self._agent.reset(which)
 
     def act(self, observation: Observation) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -36,6 +37,7 @@ from portnav_ros.types import RUDDER, STATE_SIZE, THRUST, YAW, Array, Scan, Setp
 from portnav_ros.vessel import VesselParams
 
 WATCH_S = 0.1
+DECISIONS = 1000  # that the latency is told of
 EVERYONE = np.ones(1, dtype=bool)
 
 
@@ -70,11 +72,17 @@ class LocalPlanner(PortNode[PlannerParams]):
 
     A decision is due at each multiple of the period and with each new plan. Time is the stamp of the newest
     odometry. What is missing or too old gives a stop setpoint on the present heading, with the reason in
-    ``navigation_state``; a stop is repeated like any other setpoint.
+    ``navigation_state``; a stop is repeated like any other setpoint, and the policy begins anew after it.
     """
 
-    def __init__(self, name: str, make_policy: Callable[[PlannerParams], Policy], **options: Any) -> None:
-        super().__init__(name, PlannerParams(), **options)
+    def __init__(
+        self,
+        name: str,
+        make_policy: Callable[[Any], Policy],
+        defaults: PlannerParams | None = None,
+        **options: Any,
+    ) -> None:
+        super().__init__(name, defaults or PlannerParams(), **options)
         params = self.params
         self._period_ns, self._age_ns = nanoseconds(params.period_s), nanoseconds(params.age_s)
         self._observer = Observer(1, params.lidar, params.observation)
@@ -98,7 +106,7 @@ class LocalPlanner(PortNode[PlannerParams]):
         values = {
             'odom_ns': self._time_ns,
             'scan_ns': self._scan_ns,
-            'decision_ms': f'{1e3 * self._decision_s:.2f}',
+            **self._latency(),
         }
         if self._time_ns < 0:
             return Health(DiagnosticStatus.WARN, 'no odometry yet', values)
@@ -106,10 +114,22 @@ class LocalPlanner(PortNode[PlannerParams]):
             return Health(DiagnosticStatus.WARN, f'stop: {self._reason}', values)
         return Health(values=values)
 
+    def explain(self, decision_s: float) -> None:
+        """Take note of a decision, once its setpoint is out, and of how long it took."""
+        self._decisions_s.append(decision_s)
+
+    def _latency(self) -> dict[str, str]:
+        """Median and 99th percentile over the last decisions."""
+        if not self._decisions_s:
+            return {}
+        p50, p99 = np.percentile(self._decisions_s, (50, 99))
+        return {'decision_p50_ms': f'{1e3 * p50:.2f}', 'decision_p99_ms': f'{1e3 * p99:.2f}'}
+
     def _warm_up(self) -> None:
         """Compile what the first decision will need."""
         path = np.column_stack([np.arange(0.0, 500.0, PATH_SPACING_M), np.zeros(50)])
         self._observer.reset(EVERYONE, [path])
+        self._policy.reset(EVERYONE)
         ranges = np.full((1, self.params.lidar.rays), np.float32(self.params.lidar.range_max_m))
         self._policy.act(self._observer.update(np.zeros((1, STATE_SIZE)), ranges, np.zeros((1, 2))))
         self._policy.reset(EVERYONE)
@@ -123,7 +143,7 @@ class LocalPlanner(PortNode[PlannerParams]):
         self._due_ns = 0
         self._reason = ''
         self._stop_yaw_rad: float | None = None
-        self._decision_s = 0.0
+        self._decisions_s: deque[float] = deque(maxlen=DECISIONS)
         self._heard_s = time.monotonic()
         self._begin_path()
 
@@ -201,6 +221,8 @@ class LocalPlanner(PortNode[PlannerParams]):
         return ''
 
     def _sail(self) -> None:
+        if self._stop_yaw_rad is not None:
+            self._policy.reset(EVERYONE)
         started_s = time.perf_counter()
         observation = self._observer.update(self._own, self._ranges, self._setpoint)
         setpoint = self._policy.act(observation)
@@ -209,9 +231,10 @@ class LocalPlanner(PortNode[PlannerParams]):
             self._stop()
             return
         self._setpoint[:] = setpoint
-        self._decision_s = time.perf_counter() - started_s
+        decision_s = time.perf_counter() - started_s
         self._stop_yaw_rad = None
         self._publish()
+        self.explain(decision_s)
 
     def _stop(self) -> None:
         if self._stop_yaw_rad is None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from geometry_msgs.msg import Point
 from visualization_msgs.msg import Marker, MarkerArray
 
 from portnav_ros.nodes.messages import new_pose
 from portnav_ros.nodes.topics import MAP_FRAME
 from portnav_ros.types import Array
+
+TRACK_WIDTH_M = 2.0
 
 
 def hull_marker(
@@ -31,6 +34,15 @@ def buoy_markers(buoys: Array) -> MarkerArray:
         marker.scale.z = 3.0
         message.markers.append(marker)
     return message
+
+
+def track_marker(name: str, points: Array, colour: Sequence[float]) -> Marker:
+    """Return a line through map points [T, 2]."""
+    marker = _marker(name, 0, Marker.LINE_STRIP, colour)
+    marker.pose = new_pose(0.0, 0.0, 0.0)
+    marker.scale.x = TRACK_WIDTH_M
+    marker.points = [Point(x=x, y=y) for x, y in points.tolist()]
+    return marker
 
 
 def _marker(namespace: str, number: int, kind: int, colour: Sequence[float]) -> Marker:

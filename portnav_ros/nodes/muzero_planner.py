@@ -2,30 +2,100 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from portnav_ros.muzero.policy import load_policy
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from visualization_msgs.msg import MarkerArray
+
+from portnav_ros.muzero.policy import Decision, MuZeroPolicy, load_policy, released_model
 from portnav_ros.nodes.local_planner import LocalPlanner, PlannerParams
-from portnav_ros.nodes.runtime import run_node
-from portnav_ros.resources import share_directory
-from portnav_ros.task.policy import Policy
+from portnav_ros.nodes.markers import track_marker
+from portnav_ros.nodes.runtime import Health, run_node
+from portnav_ros.params import check_range
 
 NAME = 'muzero_planner'
-MODEL = 'muzero.safetensors'
+AS_IN_CARD = -1
+SHOWN = 5  # actions in the diagnostics, the most visited ones
 
 
-def make_policy(params: PlannerParams) -> Policy:
-    """Return the released policy.
+@dataclass(frozen=True)
+class MuZeroParams(PlannerParams):
+    """Parameters of the learned planner, besides those of every local planner.
+
+    model: weights, with their card beside them; the released ones where empty. simulations: of each
+    search, -1 for the card's, 0 to follow the prior alone. allow_mismatch: only warn where the model was
+    trained for another vessel.
+    """
+
+    model: str = ''
+    simulations: int = AS_IN_CARD
+    allow_mismatch: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse a number of simulations that no search has."""
+        super().__post_init__()
+        check_range(self, simulations=(AS_IN_CARD, 10_000))
+
+
+def make_policy(params: MuZeroParams) -> MuZeroPolicy:
+    """Return the policy of the model.
 
     Raises:
-        ModelError: there is no model.
+        ModelError: there is none, or it does not fit vessel or sensor.
     """
-    return load_policy(share_directory() / 'models' / MODEL)
+    path = Path(params.model) if params.model else released_model()
+    simulations = None if params.simulations == AS_IN_CARD else params.simulations
+    return load_policy(path, params.vessel, params.lidar, simulations, params.allow_mismatch)
 
 
-def make_node(**options: Any) -> LocalPlanner:
+class MuZeroPlanner(LocalPlanner):
+    """A local planner that shows what its search has found."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(NAME, make_policy, MuZeroParams(), **options)
+        self._markers = self.publisher('markers')
+        self._shown: Decision | None = None
+        label, simulations = self._policy.model.label, self._policy.simulations
+        self.get_logger().info(f'{label} with {simulations} simulations')
+
+    def health(self) -> Health:
+        """Add the model, and what the last search found."""
+        level, text, values = super().health()
+        policy = self._policy
+        found = {'model': policy.model.label, 'simulations': policy.simulations}
+        if policy.misfit and level == DiagnosticStatus.OK:
+            level, text = DiagnosticStatus.WARN, policy.misfit
+        if policy.decision is not None:
+            found |= {'value': f'{policy.decision.value:.1f}', **_root_values(policy.decision)}
+        return Health(level, text, {**values, **found})
+
+    def explain(self, decision_s: float) -> None:
+        """Show a new decision; what only holds the last one is none."""
+        if self._policy.decision is self._shown:
+            return
+        super().explain(decision_s)
+        self._shown = self._policy.decision
+        if self._markers.get_subscription_count():
+            track = self._policy.best_track(self._own[0], self._path)
+            self._markers.publish(MarkerArray(markers=[track_marker('rollout', track, (0.2, 1.0, 0.4))]))
+
+
+def _root_values(decision: Decision) -> dict[str, str]:
+    """Visits and prior of the most visited actions, or of the likeliest where nothing was searched."""
+    weight = decision.visits if decision.visits.any() else decision.prior
+    best = np.argsort(-weight, kind='stable')[:SHOWN]
+    return {
+        'visits': ' '.join(f'{action}:{decision.visits[action]}' for action in best),
+        'prior': ' '.join(f'{action}:{decision.prior[action]:.3f}' for action in best),
+    }
+
+
+def make_node(**options: Any) -> MuZeroPlanner:
     """Return the node."""
-    return LocalPlanner(NAME, make_policy, **options)
+    return MuZeroPlanner(**options)
 
 
 def main() -> int:

@@ -247,3 +247,15 @@ def test_in_lock_step_a_bad_scan_is_answered_with_a_stop(graph):
     stack.joints(0)
     stack.scan(0, value=math.nan)
     assert stack.answer(0).speed_mps == 0.0
+
+
+def test_after_a_stop_the_policy_begins_anew(graph):
+    stack = Stack(graph, lock_step=True)
+    stack.plan()
+    for second, value in enumerate((100.0, 100.0, math.nan, 100.0)):
+        resets = stack.policy.resets
+        stack.odom(second * SECOND_NS)
+        stack.joints(second * SECOND_NS)
+        stack.scan(second * SECOND_NS, value=value)
+        stack.answer(second * SECOND_NS)
+        assert second == 0 or stack.policy.resets == resets + (second == 3)

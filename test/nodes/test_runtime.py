@@ -140,7 +140,7 @@ def test_a_parameter_file_that_is_not_there_is_told_without_a_traceback():
     [
         ('pid_controller', 'vesel:=shuttle', 2, "unknown key 'vesel'; did you mean 'vessel'"),
         ('sim', 'chart:=/nowhere.geojson', 2, 'nowhere.geojson'),
-        ('muzero_planner', 'age_s:=0.4', 3, 'models/'),
+        ('muzero_planner', 'model:=/nowhere.safetensors', 3, 'no such model'),
     ],
 )
 def test_a_node_that_cannot_run_says_why(module, parameter, code, reason):
