@@ -100,6 +100,11 @@ class PpoAgent:
         """Decisions taken so far, of all environments together."""
         return self.algorithm.num_timesteps
 
+    @property
+    def updates(self) -> int:
+        """Gradient steps taken so far."""
+        return self.algorithm._n_updates * self.params.environments * self.params.rollout // self.params.batch
+
     def improve(self) -> dict[str, float]:
         """Sail one rollout, learn from it, and return the losses by name."""
         size = self.params.environments * self.params.rollout
@@ -124,7 +129,7 @@ class PpoAgent:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from a checkpoint."""
+        """Go on from a checkpoint; the environment must stand where it stood then."""
         algorithm = self.algorithm
         algorithm.policy.load_state_dict(state['policy'])
         algorithm.policy.optimizer.load_state_dict(state['optimizer'])

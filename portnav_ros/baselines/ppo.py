@@ -1,0 +1,205 @@
+"""`portnav train --algorithm ppo`: PPO on the worlds, the task and the budget of MuZero."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from portnav_ros.baselines.ppo_agent import PpoAgent, PpoParams
+from portnav_ros.baselines.ppo_env import PortVecEnv
+from portnav_ros.baselines.ppo_policy import likeliest, policy_layers
+from portnav_ros.muzero.model_file import Card, save_model
+from portnav_ros.sim.world import DECISION_S
+from portnav_ros.task.env import PortVectorEnv, TaskParams
+from portnav_ros.training.episode_statistics import EpisodeStatistics
+from portnav_ros.training.interrupt import Interrupt
+from portnav_ros.training.job import Job
+from portnav_ros.training.progress import Progress
+from portnav_ros.training.run_directory import RunDirectory, TrainingError, write_atomically
+from portnav_ros.training.scenarios import ScenarioParams, training_source, validation_scenarios
+from portnav_ros.training.schedule import ScheduleParams, due
+from portnav_ros.training.validation import Validation
+from portnav_ros.types import AnyArray
+
+CHECKPOINT = 'ppo.pt'
+
+
+@dataclass(frozen=True)
+class Params:
+    """One training run."""
+
+    task: TaskParams = field(default_factory=TaskParams)
+    scenarios: ScenarioParams = field(default_factory=ScenarioParams)
+    learner: PpoParams = field(default_factory=PpoParams)
+    schedule: ScheduleParams = field(default_factory=ScheduleParams)
+
+
+def train(params: Params, job: Job) -> None:
+    """Learn until the schedule's steps are sailed; the best model by validation is kept.
+
+    A resumed run goes on bit for bit as if it had not been interrupted.
+
+    Raises:
+        TrainingError: the folder does not fit, or holds no checkpoint to resume from.
+        ParamError: the parameters do not fit each other.
+        ScenarioError: a world cannot be made.
+    """
+    torch.set_num_threads(job.threads)
+    state = _read_checkpoint(job.out) if job.resume else None
+    print('preparing worlds; the first run compiles kernels, about a minute')
+    run = Run(params, job, state)
+    try:
+        run.sail()
+    finally:
+        run.close()
+
+
+class Run:
+    """A run under way: environments, agent, validation and files."""
+
+    def __init__(self, params: Params, job: Job, state: Mapping[str, Any] | None) -> None:
+        """Begin a run, or go on with one from the state of its checkpoint."""
+        self._params, self._job = params, job
+        self._period = params.task.actions.hold
+        self._statistics = EpisodeStatistics(params.learner.environments, self._period * DECISION_S)
+        source = training_source(params.scenarios, job.seed)
+        self._env = PortVectorEnv(params.learner.environments, seed=job.seed, source=source, task=params.task)
+        adapter = PortVecEnv(self._env, params.learner.reward_scale, self._statistics.update)
+        self._agent = PpoAgent(params.learner, adapter, job.seed, job.device)
+        self._best = -1.0
+        self._files = self._reopen(state) if state else self._create()
+        scenarios = validation_scenarios(params.scenarios)
+        self._example = scenarios[0]
+        self._validation = Validation(scenarios, params.task)
+        self._progress = Progress(params.schedule.steps, self.steps, 'PPO')
+        self._logged = self.steps, time.monotonic()
+
+    @property
+    def steps(self) -> int:
+        """Environment steps so far: decision periods of the world, over all environments."""
+        return self._agent.decisions * self._period
+
+    def sail(self) -> None:
+        """Learn to the end of the schedule; Ctrl-C ends a run early, after a checkpoint."""
+        schedule = self._params.schedule
+        with Interrupt() as interrupt:
+            while self.steps < schedule.steps and not interrupt.asked:
+                before = self.steps
+                losses = self._agent.improve()
+                self._progress.show(self.steps, self._statistics.summary())
+                if due(before, self.steps, schedule.log_every):
+                    self._log(losses)
+                if due(before, self.steps, schedule.validate_every):
+                    self._validate()
+                if due(before, self.steps, schedule.save_every):
+                    self._save()
+        self._save()
+        if interrupt.asked:
+            self._progress.say(f'saved at {self.steps} steps; continue with --resume --out {self._job.out}')
+            raise KeyboardInterrupt
+
+    def close(self) -> None:
+        """Close files and progress bar."""
+        self._progress.close()
+        self._files.close()
+
+    def _log(self, losses: Mapping[str, float]) -> None:
+        steps, now_s = self.steps, time.monotonic()
+        self._files.log(
+            {
+                'steps': steps,
+                'episodes': self._statistics.episodes,
+                'decisions': self._agent.decisions,
+                'updates': self._agent.updates,
+                **self._statistics.summary(),
+                'losses': losses,
+                'steps_per_s': (steps - self._logged[0]) / (now_s - self._logged[1]),
+            }
+        )
+        self._logged = steps, now_s
+
+    def _validate(self) -> None:
+        """Sail the validation worlds, and keep the model if none was better."""
+        layers = policy_layers(self._agent.tensors())
+        result = self._validation.run(lambda features: likeliest(layers, features))
+        self._files.log({'steps': self.steps, 'validation': result})
+        self._progress.say(f'{self.steps} steps: validation success {result["success"]:.1%}')
+        if result['success'] > self._best:
+            self._best = result['success']
+            save_model(self._files.best_model, self._agent.tensors(), self._card(result))
+
+    def _card(self, validation: Mapping[str, Any]) -> Card:
+        params, job = self._params, self._job
+        return Card(
+            algorithm='ppo',
+            task=params.task,
+            vessel=self._example.vessel,
+            lidar=self._example.lidar,
+            discount=params.learner.discount,
+            network={'hidden': params.learner.hidden},
+            training={
+                **job.provenance,
+                'steps': self.steps,
+                'seed': job.seed,
+                'scenarios': dataclasses.asdict(params.scenarios),
+            },
+            evaluation={'split': 'validation', **validation},
+            git_commit=str(job.provenance.get('git_commit', 'unknown')),
+        )
+
+    def _create(self) -> RunDirectory:
+        config = {
+            'algorithm': 'ppo',
+            'seed': self._job.seed,
+            **self._job.provenance,
+            **dataclasses.asdict(self._params),
+        }
+        return RunDirectory.create(self._job.out, config)
+
+    def _reopen(self, state: Mapping[str, Any]) -> RunDirectory:
+        self._agent.load_state_dict(state['agent'])
+        self._best = state['best']
+        arrays = _unpack(state['arrays'])
+        self._env.load_state_dict(_part(arrays, 'env_'))
+        self._statistics.load_state_dict(_part(arrays, 'statistics_'))
+        return RunDirectory.reopen(self._job.out, self.steps)
+
+    def _save(self) -> None:
+        parts = {'env_': self._env.state_dict(), 'statistics_': self._statistics.state_dict()}
+        arrays = {prefix + name: array for prefix, part in parts.items() for name, array in part.items()}
+        state = {'agent': self._agent.state_dict(), 'best': self._best, 'arrays': _pack(arrays)}
+        content = io.BytesIO()
+        torch.save(state, content)
+        write_atomically(self._files.checkpoint / CHECKPOINT, content.getvalue())
+
+
+def _pack(arrays: Mapping[str, AnyArray]) -> torch.Tensor:
+    """Arrays of any type as bytes, because torch reads tensors only."""
+    content = io.BytesIO()
+    np.savez(content, **arrays)  # type: ignore[arg-type]
+    return torch.frombuffer(bytearray(content.getvalue()), dtype=torch.uint8)
+
+
+def _unpack(packed: torch.Tensor) -> dict[str, AnyArray]:
+    with np.load(io.BytesIO(packed.numpy().tobytes()), allow_pickle=False) as arrays:
+        return dict(arrays)
+
+
+def _part(arrays: Mapping[str, AnyArray], prefix: str) -> dict[str, AnyArray]:
+    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+
+
+def _read_checkpoint(out: Path) -> dict[str, Any]:
+    file = RunDirectory(out).checkpoint / CHECKPOINT
+    if not file.exists():
+        raise TrainingError(f'{file}: no checkpoint to resume from; begin a new run without --resume')
+    state: dict[str, Any] = torch.load(file, weights_only=True)
+    return state
