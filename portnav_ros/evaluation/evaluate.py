@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from portnav_ros.evaluation.planners import PLANNERS
+from portnav_ros.evaluation.planners import ALGORITHMS, PLANNERS, EvaluationError, ModelOptions, identify
 from portnav_ros.evaluation.provenance import provenance
 from portnav_ros.evaluation.statistics import paired_difference
 from portnav_ros.evaluation.summary import summarise, table, write_csv, write_json
@@ -40,6 +40,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--split', choices=SPLITS, default='test', help='tune on validation, report test (default)'
     )
     parser.add_argument('--against', choices=PLANNERS, help='sail the same episodes with a second planner')
+    parser.add_argument('--model', type=Path, metavar='FILE', help='of a learned planner: its weights')
+    parser.add_argument('--against-model', type=Path, metavar='FILE', help="the second planner's weights")
+    parser.add_argument(
+        '--simulations', type=int, metavar='N', help="of each search, in place of the model's own number"
+    )
+    parser.add_argument(
+        '--allow-mismatch', action='store_true', help='sail another vessel than the model was trained for'
+    )
     parser.add_argument('--through', choices=RUNNERS, default='process', help='where (default: %(default)s)')
     parser.add_argument(
         '--workers', type=int, default=2, metavar='P', help='processes (default: %(default)s)'
@@ -55,27 +63,57 @@ def run(arguments: argparse.Namespace) -> int:
 
     Raises:
         EvaluationError: the options do not fit, or an episode could not be sailed.
+        ModelError: a learned planner has no model; nothing is sailed then.
         Exception, KeyboardInterrupt: whatever else ended it early, after the figures are out.
     """
     trial = Trial(
-        arguments.planner, arguments.difficulty, arguments.chart, arguments.scenario, arguments.route
+        arguments.planner,
+        arguments.difficulty,
+        arguments.chart,
+        arguments.scenario,
+        arguments.route,
+        _model_options(arguments),
     )
+    rival = _rival(trial, arguments)
     sailed = _sail(trial, arguments)
     failure = sailed.cut_short
     if sailed.episodes:
-        failure = _publish(trial, sailed, arguments)
+        failure = _publish(trial, rival, sailed, arguments)
     if failure is not None:
         raise failure
     return 0
 
 
-def _publish(trial: Trial, sailed: Sailed, arguments: argparse.Namespace) -> BaseException | None:
+def _model_options(arguments: argparse.Namespace) -> ModelOptions:
+    """Options of the learned planners; refused where there is none to use them."""
+    options = ModelOptions(arguments.model, arguments.simulations, arguments.allow_mismatch)
+    if options != ModelOptions() and not {arguments.planner, arguments.against} & set(ALGORITHMS):
+        raise EvaluationError(
+            f'--model, --simulations and --allow-mismatch are for {", ".join(ALGORITHMS)}, not for '
+            f'{arguments.planner}; leave them out'
+        )
+    return options
+
+
+def _rival(trial: Trial, arguments: argparse.Namespace) -> Trial | None:
+    """The same with the second planner, if any, once it is known to have a model where it needs one."""
+    if arguments.against_model and arguments.against not in ALGORITHMS:
+        raise EvaluationError(f'--against-model needs --against, and one of {", ".join(ALGORITHMS)} there')
+    if not arguments.against:
+        return None
+    model = replace(trial.model, file=arguments.against_model or trial.model.file)
+    identify(arguments.against, model)
+    return replace(trial, planner=arguments.against, model=model)
+
+
+def _publish(
+    trial: Trial, rival: Trial | None, sailed: Sailed, arguments: argparse.Namespace
+) -> BaseException | None:
     """Show and write the figures, with a rival's where asked for; returns what cut either short."""
     figures = _figures(trial, sailed, arguments)
     _show(trial, figures)
     failure = sailed.cut_short
-    if arguments.against and failure is None:
-        rival = replace(trial, planner=arguments.against)
+    if rival is not None and failure is None:
         other = _sail(rival, arguments)
         figures['against'] = _compare(sailed, rival, other, arguments)
         failure = other.cut_short
@@ -92,14 +130,19 @@ def _publish(trial: Trial, sailed: Sailed, arguments: argparse.Namespace) -> Bas
 
 
 class Sailed(NamedTuple):
-    """Episodes in the order of their seeds. cut_short: what ended the evaluation early, if anything."""
+    """Episodes in the order of their seeds.
+
+    cut_short: what ended the evaluation early, if anything. model: that of a learned planner.
+    """
 
     episodes: list[EpisodeResult]
     wall_s: float
     cut_short: BaseException | None
+    model: dict[str, object] | None
 
 
 def _sail(trial: Trial, arguments: argparse.Namespace) -> Sailed:
+    model = identify(trial.planner, trial.model)
     seeds = split_seeds(arguments.split, arguments.seed, arguments.episodes)
     module = importlib.import_module(f'portnav_ros.{RUNNERS[arguments.through]}')
     run_trial: Runner = module.run_trial
@@ -118,12 +161,14 @@ def _sail(trial: Trial, arguments: argparse.Namespace) -> Sailed:
     except (KeyboardInterrupt, Exception) as error:  # hours of figures are worth more than the reason
         cut_short = error
         print(f'cut short after {len(episodes)} of {len(seeds)} episodes', file=sys.stderr)
-    return Sailed(sorted(episodes, key=lambda result: result.seed), time.perf_counter() - start, cut_short)
+    episodes.sort(key=lambda result: result.seed)
+    return Sailed(episodes, time.perf_counter() - start, cut_short, model)
 
 
 def _figures(trial: Trial, sailed: Sailed, arguments: argparse.Namespace) -> dict[str, Any]:
     return {
         'planner': trial.planner,
+        'model': sailed.model,
         'difficulty': trial.difficulty,
         'chart': str(trial.chart) if trial.chart else None,
         'scenario': trial.scenario,

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from portnav_ros.baselines.dwa import DynamicWindow
 from portnav_ros.baselines.line_of_sight import LineOfSight
 from portnav_ros.baselines.space_time import SpaceTime
+from portnav_ros.muzero.model_file import load_model, released_model
+from portnav_ros.muzero.policy import load_policy
 from portnav_ros.sim.scenario import Scenario
 from portnav_ros.task.policy import Policy
 
@@ -24,36 +28,78 @@ class Privileged(Protocol):
         """Look into the scenario that begins in slot b."""
 
 
-def _dwa(scenario: Scenario) -> Policy:
+@dataclass(frozen=True)
+class ModelOptions:
+    """What the learned planners sail with; the others need none of it.
+
+    file: the model, the released one where None. simulations: of each search, in place of the model's own
+    number. allow_mismatch: only warn where the model was trained for another vessel.
+    """
+
+    file: Path | None = None
+    simulations: int | None = None
+    allow_mismatch: bool = False
+
+
+NO_OPTIONS = ModelOptions()
+
+
+def _dwa(scenario: Scenario, options: ModelOptions) -> Policy:
     return DynamicWindow(scenario.vessel, scenario.autopilot)
 
 
-def _line_of_sight(scenario: Scenario) -> Policy:
+def _line_of_sight(scenario: Scenario, options: ModelOptions) -> Policy:
     return LineOfSight()
 
 
-def _ceiling(scenario: Scenario) -> Policy:
+def _ceiling(scenario: Scenario, options: ModelOptions) -> Policy:
     return SpaceTime()
 
 
-def _muzero(scenario: Scenario) -> Policy:
-    raise EvaluationError('planner muzero: no model is released yet; use dwa or line_of_sight')
+def _muzero(scenario: Scenario, options: ModelOptions) -> Policy:
+    file = options.file or released_model('muzero')
+    return load_policy(file, scenario.vessel, scenario.lidar, options.simulations, options.allow_mismatch)
 
 
-PLANNERS: dict[str, Callable[[Scenario], Policy]] = {
+def _prior(scenario: Scenario, options: ModelOptions) -> Policy:
+    return _muzero(scenario, replace(options, simulations=0))
+
+
+PLANNERS: dict[str, Callable[[Scenario, ModelOptions], Policy]] = {
     'dwa': _dwa,
     'line_of_sight': _line_of_sight,
     'ceiling': _ceiling,
     'muzero': _muzero,
+    'prior': _prior,  # MuZero's policy network without the search
 }
+ALGORITHMS = {'muzero': 'muzero', 'prior': 'muzero'}  # of the learned ones
 
 
-def make_planner(name: str, scenario: Scenario) -> Policy:
+def make_planner(name: str, scenario: Scenario, options: ModelOptions = NO_OPTIONS) -> Policy:
     """Build a planner for the vessel, autopilot and sensor of a scenario.
 
     Raises:
         EvaluationError: no planner has this name.
+        ModelError: its model is missing or does not fit.
     """
     if name not in PLANNERS:
         raise EvaluationError(f'no planner {name!r}; there are {", ".join(PLANNERS)}')
-    return PLANNERS[name](scenario)
+    return PLANNERS[name](scenario, options)
+
+
+def identify(name: str, options: ModelOptions) -> dict[str, object] | None:
+    """The model that a planner sails with; None for one that learns nothing.
+
+    Raises:
+        ModelError: there is no model.
+    """
+    if name not in ALGORITHMS:
+        return None
+    model = load_model(options.file or released_model(ALGORITHMS[name]))
+    simulations = model.card.search.get('simulations') if options.simulations is None else options.simulations
+    return {
+        'file': str(model.path),
+        'sha256': model.sha256,
+        'simulations': 0 if name == 'prior' else simulations,
+        'training': dict(model.card.training),
+    }

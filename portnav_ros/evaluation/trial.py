@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 from portnav_ros.charts import read_chart
 from portnav_ros.evaluation.episode_log import EpisodeLog
 from portnav_ros.evaluation.metrics.table import measure
-from portnav_ros.evaluation.planners import EvaluationError, make_planner
+from portnav_ros.evaluation.planners import NO_OPTIONS, EvaluationError, ModelOptions, make_planner
 from portnav_ros.harbour import Harbour
 from portnav_ros.sim.difficulty import Difficulty, load_difficulty
 from portnav_ros.sim.generator import chart_scenario, make_scenario
@@ -44,7 +44,7 @@ def split_seeds(split: Split, first: int, episodes: int) -> range:
 class Trial:
     """A planner on random ports of a difficulty, on a chart, or in a named scenario.
 
-    route: who lays the global path; None leaves it to the difficulty.
+    route: who lays the global path; None leaves it to the difficulty. model: of a learned planner.
     """
 
     planner: str
@@ -52,6 +52,7 @@ class Trial:
     chart: Path | None = None
     scenario: str | None = None
     route: Literal['clearance', 'rrt_star'] | None = None
+    model: ModelOptions = NO_OPTIONS
 
     def __post_init__(self) -> None:
         """Refuse two sources of scenarios, or of the path."""
@@ -79,7 +80,7 @@ class Trial:
 
     def make_planner(self, scenario: Scenario) -> Policy:
         """Build the planner for the scenarios' vessel."""
-        return make_planner(self.planner, scenario)
+        return make_planner(self.planner, scenario, self.model)
 
     def scenarios(self, seeds: Iterator[int]) -> Iterator[Scenario]:
         """Make scenarios one by one."""

@@ -11,6 +11,7 @@ import hashlib
 import json
 import math
 import os
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +24,7 @@ from safetensors.numpy import save
 from portnav_ros import __version__
 from portnav_ros.muzero import ModelError
 from portnav_ros.params import ParamError, override
+from portnav_ros.resources import share_directory
 from portnav_ros.sim.scenario import LidarParams
 from portnav_ros.task.env import TaskParams
 from portnav_ros.types import Array32
@@ -132,6 +134,11 @@ def load_model(path: Path) -> Model:
     return Model(tensors, _read_card(document, card_path(path)), path, digest)
 
 
+def released_model(algorithm: str) -> Path:
+    """Where the model of an algorithm lies that comes with the package, if one does."""
+    return share_directory() / 'models' / f'{algorithm}.safetensors'
+
+
 def card_path(path: Path) -> Path:
     """Where the card of a weights file lies."""
     return path.with_suffix('.json')
@@ -157,6 +164,20 @@ def vessel_misfit(model: Model, vessel: VesselParams) -> str:
         f'{model.path}: trained for vessel {model.card.vessel.name}, not {vessel.name} '
         f'({", ".join(differences)}); use a model trained for it, or allow_mismatch'
     )
+
+
+def check_vessel(model: Model, vessel: VesselParams, allow_mismatch: bool) -> str:
+    """Refuse a vessel that differs from the one trained with, or warn and return the difference.
+
+    Raises:
+        ModelError: it differs, and that is not allowed.
+    """
+    misfit = vessel_misfit(model, vessel)
+    if misfit and not allow_mismatch:
+        raise ModelError(misfit)
+    if misfit:
+        warnings.warn(misfit, stacklevel=3)
+    return misfit
 
 
 def check_sensor(model: Model, lidar: LidarParams) -> None:

@@ -6,7 +6,6 @@ decision depends on how many are made together.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -15,11 +14,10 @@ import numpy as np
 
 from portnav_ros.muzero import ModelError
 from portnav_ros.muzero.inference import NumpyModel, Weights, weights_of
-from portnav_ros.muzero.model_file import Card, Model, check_sensor, load_model, vessel_misfit
+from portnav_ros.muzero.model_file import Card, Model, check_sensor, check_vessel, load_model
 from portnav_ros.muzero.rollout import predicted_track
 from portnav_ros.muzero.search import Search, SearchParams
 from portnav_ros.params import ParamError, override
-from portnav_ros.resources import share_directory
 from portnav_ros.sim.scenario import LidarParams
 from portnav_ros.task.agent import AgentPolicy
 from portnav_ros.task.policy import Observation
@@ -38,11 +36,6 @@ class Decision(NamedTuple):
     visits: IntArray
     prior: Array32
     best: IntArray
-
-
-def released_model() -> Path:
-    """Where the model lies that comes with the package."""
-    return share_directory() / 'models' / 'muzero.safetensors'
 
 
 def load_policy(
@@ -65,12 +58,7 @@ def load_policy(
         ModelError: there is no model, or it does not fit.
     """
     model = load_model(path)
-    misfit = vessel_misfit(model, vessel)
-    if misfit and not allow_mismatch:
-        raise ModelError(misfit)
-    if misfit:
-        warnings.warn(misfit, stacklevel=2)
-    return MuZeroPolicy(model, lidar, simulations, misfit)
+    return MuZeroPolicy(model, lidar, simulations, check_vessel(model, vessel, allow_mismatch))
 
 
 class MuZeroPolicy:

@@ -10,7 +10,8 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from visualization_msgs.msg import MarkerArray
 
-from portnav_ros.muzero.policy import Decision, MuZeroPolicy, load_policy, released_model
+from portnav_ros.muzero.model_file import released_model
+from portnav_ros.muzero.policy import Decision, MuZeroPolicy, load_policy
 from portnav_ros.nodes.local_planner import LocalPlanner, PlannerParams
 from portnav_ros.nodes.markers import track_marker
 from portnav_ros.nodes.runtime import Health, run_node
@@ -46,7 +47,7 @@ def make_policy(params: MuZeroParams) -> MuZeroPolicy:
     Raises:
         ModelError: there is none, or it does not fit vessel or sensor.
     """
-    path = Path(params.model) if params.model else released_model()
+    path = Path(params.model) if params.model else released_model('muzero')
     simulations = None if params.simulations == AS_IN_CARD else params.simulations
     return load_policy(path, params.vessel, params.lidar, simulations, params.allow_mismatch)
 

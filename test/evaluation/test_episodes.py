@@ -1,4 +1,5 @@
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -6,11 +7,20 @@ import pytest
 from portnav_ros.evaluation.episode_log import EpisodeLog
 from portnav_ros.evaluation.episodes import sail
 from portnav_ros.evaluation.hull_clearance import with_clearance
-from portnav_ros.evaluation.planners import PLANNERS, EvaluationError, Privileged, make_planner
+from portnav_ros.evaluation.planners import (
+    PLANNERS,
+    EvaluationError,
+    ModelOptions,
+    Privileged,
+    make_planner,
+)
 from portnav_ros.evaluation.trial import SEEDS_PER_SPLIT, SPLITS, Trial, judge, split_seeds
 from portnav_ros.evaluation.workers import run_trial
+from portnav_ros.muzero import ModelError
 from portnav_ros.sim.scenario import Scenario
 from portnav_ros.sim.world import DECISION_S
+from portnav_ros.task.actions import ActionParams
+from portnav_ros.task.env import TaskParams
 from portnav_ros.task.observation import Observation
 from portnav_ros.types import SURGE, YAW, Array, BoolArray, Outcome
 
@@ -49,6 +59,16 @@ def test_every_scenario_is_sailed_once(logs):
 def test_no_log_depends_on_the_batch_or_the_order(scenarios, logs, batch):
     for log in sail(TRIAL.make_planner, scenarios[::-1], batch):
         assert_same(log, logs[log.seed])
+
+
+def test_a_learned_policys_log_does_not_either(make_model, scenarios):
+    task = TaskParams(actions=ActionParams(hold=2))
+    file = make_model(task, vessel=scenarios[0].vessel, lidar=scenarios[0].lidar)
+    trial = replace(TRIAL, planner='muzero', model=ModelOptions(file, simulations=4))
+    short = [replace(scenario, time_limit_s=40.0 + 10.0 * b) for b, scenario in enumerate(scenarios[:4])]
+    alone = {log.seed: log for log in sail(trial.make_planner, short, 1)}
+    for log in sail(trial.make_planner, short[::-1], 3):
+        assert_same(log, alone[log.seed])
 
 
 def test_a_log_has_a_row_for_each_decision_and_one_for_the_end(logs):
@@ -135,8 +155,8 @@ def test_seeds_outside_a_split_are_refused(first, episodes):
 def test_unknown_and_missing_planners(scenarios):
     with pytest.raises(EvaluationError, match='dwa'):
         make_planner('no_such', scenarios[0])
-    with pytest.raises(EvaluationError, match='no model'):
-        make_planner('muzero', scenarios[0])
+    with pytest.raises(ModelError, match='no such model'):
+        make_planner('muzero', scenarios[0], ModelOptions(Path('/nowhere.safetensors')))
     assert 'ceiling' in PLANNERS
 
 

@@ -1,5 +1,6 @@
 import argparse
 import csv
+import hashlib
 import json
 from collections.abc import Iterator, Sequence
 
@@ -9,7 +10,11 @@ from portnav_ros.evaluation import evaluate, workers
 from portnav_ros.evaluation.metrics.table import METRICS
 from portnav_ros.evaluation.planners import EvaluationError
 from portnav_ros.evaluation.trial import EpisodeResult, Trial
+from portnav_ros.muzero import ModelError
+from portnav_ros.sim.difficulty import load_vessel
 from portnav_ros.sim.scenario import ScenarioError
+from portnav_ros.task.actions import ActionParams
+from portnav_ros.task.env import TaskParams
 from portnav_ros.types import Outcome
 
 KEYS = {
@@ -115,14 +120,14 @@ def test_an_evaluation_cut_short_keeps_what_is_done(monkeypatch, tmp_path, capsy
 
 def test_a_rival_that_cannot_sail_is_an_error_after_the_figures(monkeypatch, tmp_path):
     def run_trial(trial: Trial, seeds: Sequence[int], *_: object) -> Iterator[EpisodeResult]:
-        if trial.planner == 'muzero':
-            raise EvaluationError('no model')
+        if trial.planner == 'line_of_sight':
+            raise EvaluationError('blind')
         return iter([fake_result(trial, seed) for seed in seeds])
 
     monkeypatch.setattr(workers, 'run_trial', run_trial)
     figures = tmp_path / 'figures.json'
-    with pytest.raises(EvaluationError, match='no model'):
-        evaluate.run(arguments(f'--planner dwa --against muzero --episodes 3 --json {figures}'))
+    with pytest.raises(EvaluationError, match='blind'):
+        evaluate.run(arguments(f'--planner dwa --against line_of_sight --episodes 3 --json {figures}'))
     values = json.loads(figures.read_text())
     assert (values['episodes'], values['against']['episodes']) == (3, 0)
 
@@ -132,6 +137,9 @@ def test_a_rival_that_cannot_sail_is_an_error_after_the_figures(monkeypatch, tmp
     [
         ('--workers 0', 'workers = 0'),
         ('--scenario head_on --route rrt_star', '--route and --scenario'),
+        ('--model m.safetensors', '--model, --simulations and --allow-mismatch are for muzero'),
+        ('--simulations 8 --against line_of_sight', '--model, --simulations and --allow-mismatch'),
+        ('--against-model m.safetensors', '--against-model needs --against'),
     ],
 )
 def test_options_that_do_not_fit_are_refused(words, reason):
@@ -151,3 +159,33 @@ def test_unknown_figures_become_null(fake_runner, monkeypatch, tmp_path):
     values = json.loads(figures.read_text())
     assert values['mean_path_over_plan'] is None
     assert values['mean_length_s'] == 900.0
+
+
+def test_a_learned_planners_model_is_told(fake_runner, make_model, tmp_path):
+    model, rival, figures = make_model(), make_model(seed=1), tmp_path / 'figures.json'
+    words = f'--planner muzero --model {model} --against prior --against-model {rival}'
+    evaluate.run(arguments(f'{words} --episodes 4 --json {figures}'))
+    values = json.loads(figures.read_text())
+    ours, theirs = values['model'], values['against']['model']
+    assert (ours['file'], theirs['file']) == (str(model), str(rival))
+    assert ours['sha256'] == hashlib.sha256(model.read_bytes()).hexdigest() != theirs['sha256']
+    assert (ours['simulations'], theirs['simulations']) == (8, 0)
+    assert ours['training'] == {'steps': 0}
+
+
+def test_models_are_looked_for_before_anything_is_sailed(monkeypatch, tmp_path):
+    monkeypatch.setattr(workers, 'run_trial', lambda *_: pytest.fail('sailed'))
+    words = f'--planner dwa --against muzero --model {tmp_path / "none.safetensors"}'
+    with pytest.raises(ModelError, match='no such model'):
+        evaluate.run(arguments(words))
+
+
+def test_search_and_prior_sail_the_same_episodes(make_model, tmp_path):
+    figures = tmp_path / 'figures.json'
+    file = make_model(TaskParams(actions=ActionParams(hold=8)), vessel=load_vessel('cemt_iv'))
+    words = f'--planner muzero --model {file} --simulations 4 --against prior --scenario no_traffic'
+    evaluate.run(arguments(f'{words} --episodes 2 --workers 1 --json {figures}'))
+    values = json.loads(figures.read_text())
+    assert values['episodes'] == values['against']['episodes'] == 2
+    assert values['model']['simulations'] == 4
+    assert values['against']['paired']['difference'] == values['success'] - values['against']['success']
