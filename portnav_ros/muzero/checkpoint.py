@@ -1,0 +1,136 @@
+"""Checkpoints of a training run, from which it goes on to the bit.
+
+A checkpoint is a set of files in one folder, named by ``state.json``, which is replaced last and in one
+piece: a kill leaves either the old set or the new one. The replay is written once, in files of a range of
+decisions each; a later checkpoint names those again that are still in the ring. Nothing is pickled.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+
+from portnav_ros.muzero.replay import Replay, Segment
+from portnav_ros.training.run_directory import TrainingError, write_atomically
+from portnav_ros.types import AnyArray
+
+STATE = 'state.json'
+SCHEMA = 1
+DECISIONS_PER_FILE = 65_536
+
+
+class Saved(NamedTuple):
+    """What a checkpoint holds besides the replay.
+
+    arrays: numpy arrays by name. tensors: what torch gave as state_dicts. counters: plain numbers and
+    strings.
+    """
+
+    arrays: dict[str, AnyArray]
+    tensors: dict[str, Any]
+    counters: dict[str, Any]
+
+
+class Checkpoints:
+    """The folder of a run's checkpoints; only the last one is kept."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._ranges: list[tuple[int, int]] = []  # decisions of the replay on disk, first and end
+
+    def save(self, name: str, saved: Saved, replay: Replay) -> None:
+        """Write a checkpoint; `name` tells it from the one before."""
+        ranges = self._write_replay(replay)
+        document = {
+            'schema': SCHEMA,
+            'arrays': f'arrays-{name}.npz',
+            'tensors': f'tensors-{name}.pt',
+            'replay': ranges,
+            'written': replay.written,
+            'counters': saved.counters,
+        }
+        tensors = io.BytesIO()
+        torch.save(saved.tensors, tensors)
+        write_arrays(self._folder / f'arrays-{name}.npz', saved.arrays)
+        write_atomically(self._folder / f'tensors-{name}.pt', tensors.getvalue())
+        write_atomically(self._folder / STATE, json.dumps(document).encode())
+        self._ranges = ranges
+        self._drop_others({STATE, f'arrays-{name}.npz', f'tensors-{name}.pt', *map(range_name, ranges)})
+
+    def load(self, replay: Replay, device: torch.device) -> Saved | None:
+        """Read the checkpoint and fill the replay; None where there is none yet.
+
+        Raises:
+            TrainingError: a file is missing or damaged, or was written by another version.
+        """
+        document = self._read_state()
+        if document is None:
+            return None
+        try:
+            tensors = torch.load(self._folder / document['tensors'], weights_only=True, map_location=device)
+            arrays = read_arrays(self._folder / document['arrays'])
+            self._ranges = [(int(first), int(end)) for first, end in document['replay']]
+            replay.restore(document['written'], (self._read_segment(item) for item in self._ranges))
+        except (OSError, KeyError, ValueError, RuntimeError) as error:
+            raise TrainingError(
+                f'{self._folder}: the checkpoint is damaged ({error}); begin a new run with another --out'
+            ) from error
+        return Saved(arrays, tensors, document['counters'])
+
+    def _write_replay(self, replay: Replay) -> list[tuple[int, int]]:
+        kept = [item for item in self._ranges if item[1] > replay.oldest]
+        first = max(self._ranges[-1][1] if self._ranges else 0, replay.oldest)
+        step = max(DECISIONS_PER_FILE // replay.batch, 1)
+        new = [(at, min(at + step, replay.written)) for at in range(first, replay.written, step)]
+        for item in new:
+            segment = replay.segment(*item)._asdict()
+            write_arrays(self._folder / range_name(item), segment)
+        return kept + new
+
+    def _read_segment(self, item: tuple[int, int]) -> tuple[int, Segment]:
+        return item[0], Segment(**read_arrays(self._folder / range_name(item)))
+
+    def _read_state(self) -> dict[str, Any] | None:
+        file = self._folder / STATE
+        if not file.exists():
+            return None
+        try:
+            document: dict[str, Any] = json.loads(file.read_text(encoding='utf-8'))
+        except ValueError as error:
+            raise TrainingError(f'{file}: not valid JSON ({error}); begin a new run') from error
+        if document.get('schema') != SCHEMA:
+            raise TrainingError(f'{file}: schema {document.get("schema")}: this version reads {SCHEMA}')
+        return document
+
+    def _drop_others(self, names: set[str]) -> None:
+        for file in self._folder.iterdir():
+            if file.name not in names:
+                file.unlink()
+
+
+def range_name(item: tuple[int, int]) -> str:
+    """File of a range of decisions."""
+    return f'replay-{item[0]}-{item[1]}.npz'
+
+
+def write_arrays(file: Path, arrays: Mapping[str, AnyArray]) -> None:
+    """Write arrays uncompressed, in one piece, down to the disk."""
+    temporary = file.with_name(f'{file.name}.new')
+    with temporary.open('wb') as stream:
+        np.savez(stream, **arrays)  # type: ignore[arg-type]  # names as keywords
+        stream.flush()
+        os.fsync(stream.fileno())
+    temporary.replace(file)
+
+
+def read_arrays(file: Path) -> dict[str, AnyArray]:
+    """Read arrays by name."""
+    with np.load(file, allow_pickle=False) as content:
+        return {name: content[name] for name in content.files}

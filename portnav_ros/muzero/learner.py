@@ -1,0 +1,152 @@
+"""The learner: one gradient step on a batch of sequences, and what it tells about itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from portnav_ros.muzero.losses import TERMS, Batch, LossWeights, Unrolled, expectation, to_batch, unroll
+from portnav_ros.muzero.networks import Network
+from portnav_ros.muzero.replay import Sample
+from portnav_ros.params import check_range
+from portnav_ros.types import Array32
+
+
+@dataclass(frozen=True)
+class LearnerParams:
+    """Optimisation by AdamW.
+
+    batch: sequences of an update. unroll: decisions of a sequence. last_rate: learning rate at the end
+    of the run, to which it falls linearly. compile: the unrolled networks by torch.compile, which needs
+    a C++ compiler and half a minute.
+    """
+
+    batch: int = 256
+    unroll: int = 5
+    learning_rate: float = 1e-3
+    last_rate: float = 1e-4
+    weight_decay: float = 1e-4
+    gradient_clip: float = 5.0
+    compile: bool = False
+    weights: LossWeights = field(default_factory=LossWeights)
+
+    def __post_init__(self) -> None:
+        """Refuse values with which nothing is learned."""
+        check_range(
+            self,
+            batch=(1, 65_536),
+            unroll=(1, 100),
+            learning_rate=(0.0, 1.0),
+            last_rate=(0.0, 1.0),
+            weight_decay=(0.0, 1.0),
+            gradient_clip=(1e-6, 1e6),
+        )
+
+
+class Learner:
+    """Networks and their optimiser."""
+
+    def __init__(self, network: Network, params: LearnerParams, device: str = 'cpu') -> None:
+        """Move the networks to the device."""
+        self.params = params
+        self.updates = 0
+        self.device = torch.device(device)
+        self.network = network.to(self.device)
+        self._unroll = torch.compile(unroll) if params.compile else unroll
+        self._optimiser = torch.optim.AdamW(
+            network.parameters(),
+            lr=params.learning_rate,
+            weight_decay=params.weight_decay,
+            fused=True,
+        )
+
+    def set_progress(self, share: float) -> None:
+        """Set the learning rate for a run of which this share [0, 1] is done."""
+        first, last = self.params.learning_rate, self.params.last_rate
+        for group in self._optimiser.param_groups:
+            group['lr'] = first + min(share, 1.0) * (last - first)
+
+    def update(self, sample: Sample) -> dict[str, float]:
+        """Take one step; returns the losses by term and the gradient's norm before it was clipped."""
+        batch = to_batch(sample, self.device, absorbing=self.network.dynamics.alive is None)
+        said = self._unroll(self.network, batch.features, batch.action)
+        losses = {name: term(self.network, said, batch) for name, term in TERMS.items()}
+        weights = self.params.weights
+        total = torch.stack([getattr(weights, name) * loss for name, loss in losses.items()]).sum()
+        self._optimiser.zero_grad(set_to_none=True)
+        total.backward()  # type: ignore[no-untyped-call]
+        norm = torch.nn.utils.clip_grad_norm_(self.network.parameters(), self.params.gradient_clip)
+        self._optimiser.step()
+        self.updates += 1
+        values = torch.stack([total.detach(), norm, *(loss.detach() for loss in losses.values())]).tolist()
+        names = ('loss', 'gradient_norm', *(f'loss_{name}' for name in losses))
+        return dict(zip(names, values, strict=True))
+
+    @torch.no_grad()
+    def diagnose(self, sample: Sample) -> dict[str, float]:
+        """What the networks get wrong on a sample, in units of reward; see `diagnoses`."""
+        batch = to_batch(sample, self.device, absorbing=False)
+        said = unroll(self.network, batch.features, batch.action)
+        lag = float(self.updates - sample.version.mean())
+        return {'policy_lag': lag} | diagnoses(self.network, said, batch)
+
+    def arrays(self) -> dict[str, Array32]:
+        """The weights as numpy arrays, for inference and for a model file."""
+        state = self.network.state_dict()
+        return {name: tensor.detach().cpu().numpy().copy() for name, tensor in state.items()}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Networks, optimiser and count of updates, for a checkpoint."""
+        return {
+            'network': self.network.state_dict(),
+            'optimiser': self._optimiser.state_dict(),
+            'updates': self.updates,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        self.network.load_state_dict(state['network'])
+        self._optimiser.load_state_dict(state['optimiser'])
+        self.updates = int(state['updates'])
+
+
+def diagnoses(network: Network, said: Unrolled, batch: Batch) -> dict[str, float]:
+    """Errors of the heads.
+
+    The mean absolute error of the reward on decisions that go on and on those that end an episode
+    (1 in 300, but they carry the task), of the value at the root and at the last position, the entropy
+    of the policy's targets and of the policy, the chance that the networks gave to an end that came, and
+    the share of targets beyond the atoms.
+    """
+    reward, value = network.reward_atoms, network.value_atoms
+    reward_error = (expectation(said.reward, reward) - batch.reward).abs()
+    value_error = (expectation(said.value, value) - batch.value).abs()
+    steps, ends = batch.live[:, :-1] * batch.going_on, batch.live[:, :-1] * (1.0 - batch.going_on)
+    log_policy = torch.log_softmax(said.policy, -1)
+    found = {
+        'reward_error_going_on': masked_mean(reward_error, steps),
+        'reward_error_end': masked_mean(reward_error, ends),
+        'value_error_root': masked_mean(value_error[:, :1], batch.live[:, :1]),
+        'value_error_last': masked_mean(value_error[:, -1:], batch.live[:, -1:]),
+        'target_entropy': masked_mean(-torch.xlogy(batch.policy, batch.policy).sum(-1), batch.live),
+        'policy_entropy': masked_mean(-(log_policy.exp() * log_policy).sum(-1), batch.live),
+        'clipped_values': masked_mean(beyond(value, batch.value), batch.live),
+        'clipped_rewards': masked_mean(beyond(reward, batch.reward), batch.live[:, :-1]),
+    }
+    if said.alive is not None:
+        found['end_foreseen'] = masked_mean(1.0 - torch.sigmoid(said.alive), ends)
+        found['end_feared'] = masked_mean(1.0 - torch.sigmoid(said.alive), steps)
+    return {name: float(item) for name, item in found.items() if not item.isnan()}
+
+
+def masked_mean(values: Tensor, mask: Tensor) -> Tensor:
+    """Mean [] of values where the mask is 1; NaN where it is 1 nowhere."""
+    return (values * mask).sum() / mask.sum()
+
+
+def beyond(atoms: Tensor, targets: Tensor) -> Tensor:
+    """1 where a target lies outside the atoms."""
+    return ((targets < atoms[0]) | (targets > atoms[-1])).float()

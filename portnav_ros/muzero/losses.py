@@ -1,0 +1,171 @@
+"""The losses of MuZero as named terms on one unrolled batch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from portnav_ros.muzero.networks import Network
+from portnav_ros.muzero.replay import Sample
+from portnav_ros.params import check_range
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Weight of each term in the sum; `alive` counts only for networks that have that head."""
+
+    policy: float = 1.0
+    value: float = 1.0
+    reward: float = 1.0
+    alive: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuse negative weights."""
+        check_range(self, **dict.fromkeys(('policy', 'value', 'reward', 'alive'), (0.0, 1e6)))
+
+
+class Batch(NamedTuple):
+    """A sample as tensors: N sequences of K decisions. The masks are those of `targets.Targets`.
+
+    trained: 1 at the positions whose value and reward are trained.
+    """
+
+    features: Tensor  # [N, F]
+    action: Tensor  # [N, K]
+    policy: Tensor  # [N, K + 1, A]
+    reward: Tensor  # [N, K]
+    value: Tensor  # [N, K + 1]
+    going_on: Tensor  # [N, K]
+    live: Tensor  # [N, K + 1]
+    trained: Tensor  # [N, K + 1]
+
+
+class Unrolled(NamedTuple):
+    """What the networks say of a batch along its actions."""
+
+    policy: Tensor  # [N, K + 1, A] logits
+    value: Tensor  # [N, K + 1, bins] logits
+    reward: Tensor  # [N, K, bins] logits
+    alive: Tensor | None  # [N, K] logits
+
+
+def to_batch(sample: Sample, device: torch.device, absorbing: bool) -> Batch:
+    """Move a sample to a device.
+
+    Args:
+        sample: as drawn.
+        device: where the networks are.
+        absorbing: whether to train what lies past a terminal as worth nothing; a network that tells
+            whether an episode goes on never asks.
+    """
+    targets = sample.targets
+    trained = targets.live + targets.absorbed if absorbing else targets.live
+
+    def tensor(array: np.ndarray[tuple[int, ...], np.dtype[np.generic]]) -> Tensor:
+        return torch.from_numpy(array).to(device)
+
+    return Batch(
+        features=tensor(sample.features).float(),
+        action=tensor(sample.action),
+        policy=tensor(sample.policy),
+        reward=tensor(targets.reward),
+        value=tensor(targets.value),
+        going_on=tensor(targets.going_on),
+        live=tensor(targets.live),
+        trained=tensor(trained),
+    )
+
+
+def unroll(network: Network, features: Tensor, action: Tensor) -> Unrolled:
+    """Run the networks along actions [N, K] from features [N, F].
+
+    The gradient that flows back through each application of the dynamics is halved (MuZero, appendix
+    G). Heads run once on all positions together, which is several times quicker than one by one.
+    """
+    count, steps = action.shape
+    latent = network.represent(features)
+    latents, rewards, alive = [latent], [], []
+    for k in range(steps):
+        transition = network.step(halve_gradient(latent), action[:, k])
+        latent = transition.latent
+        latents.append(latent)
+        rewards.append(transition.reward)
+        if transition.alive is not None:
+            alive.append(transition.alive)
+    policy, value = network.predict(torch.cat(latents))
+    return Unrolled(
+        policy.view(steps + 1, count, -1).transpose(0, 1),
+        value.view(steps + 1, count, -1).transpose(0, 1),
+        torch.stack(rewards, 1),
+        torch.stack(alive, 1) if alive else None,
+    )
+
+
+def halve_gradient(values: Tensor) -> Tensor:
+    """The same values, through which half the gradient flows back."""
+    return 0.5 * values + 0.5 * values.detach()
+
+
+def policy_loss(network: Network, said: Unrolled, batch: Batch) -> Tensor:
+    """Cross-entropy [] to the search's policy, on the episode's own positions."""
+    entropy = -(batch.policy * functional.log_softmax(said.policy, -1)).sum(-1)
+    return mean_over_unroll(entropy * batch.live)
+
+
+def value_loss(network: Network, said: Unrolled, batch: Batch) -> Tensor:
+    """Cross-entropy [] to the two atoms next to the return."""
+    return mean_over_unroll(two_hot_loss(said.value, network.value_atoms, batch.value) * batch.trained)
+
+
+def reward_loss(network: Network, said: Unrolled, batch: Batch) -> Tensor:
+    """Cross-entropy [] to the two atoms next to the reward."""
+    loss = two_hot_loss(said.reward, network.reward_atoms, batch.reward) * batch.trained[:, :-1]
+    return loss.mean()
+
+
+def alive_loss(network: Network, said: Unrolled, batch: Batch) -> Tensor:
+    """Binary cross-entropy [] of whether the episode goes on; 0 without that head."""
+    if said.alive is None:
+        return said.value.new_zeros(())
+    loss = functional.binary_cross_entropy_with_logits(said.alive, batch.going_on, reduction='none')
+    return (loss * batch.live[:, :-1]).mean()
+
+
+TERMS: dict[str, Callable[[Network, Unrolled, Batch], Tensor]] = {
+    'policy': policy_loss,
+    'value': value_loss,
+    'reward': reward_loss,
+    'alive': alive_loss,
+}
+
+
+def mean_over_unroll(loss: Tensor) -> Tensor:
+    """Mean of losses [N, K + 1] over the batch: the root's, plus 1 / K of each unrolled position's."""
+    if loss.shape[1] == 1:
+        return loss.mean()
+    return loss[:, 0].mean() + loss[:, 1:].mean()
+
+
+def two_hot_loss(logits: Tensor, atoms: Tensor, target: Tensor) -> Tensor:
+    """Cross-entropy [...] of logits [..., bins] to the two atoms around targets [...].
+
+    A target beyond the atoms is taken as the last atom; `atoms.two_hot` is the same as an array.
+    """
+    clipped = target.clamp(atoms[0], atoms[-1])
+    above = torch.searchsorted(atoms, clipped, right=True).clamp(1, len(atoms) - 1)
+    low, high = atoms[above - 1], atoms[above]
+    share = (clipped - low) / (high - low)
+    log_p = functional.log_softmax(logits, -1)
+    below, over = (log_p.gather(-1, index[..., None])[..., 0] for index in (above - 1, above))
+    return -((1.0 - share) * below + share * over)
+
+
+def expectation(logits: Tensor, atoms: Tensor) -> Tensor:
+    """Mean [...] of the atoms under logits [..., bins]."""
+    return torch.softmax(logits, -1) @ atoms

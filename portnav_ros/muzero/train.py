@@ -1,0 +1,304 @@
+"""`portnav train --algorithm muzero`: self-play and learner in one process.
+
+An iteration plays a segment with the weights of the iteration before, in a thread of its own, while the
+learner trains on what was played until then. They share nothing but those weights, so the result does
+not depend on which of them is quicker, and a checkpoint between two iterations is the whole state.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+
+from portnav_ros.muzero.checkpoint import Checkpoints, Saved
+from portnav_ros.muzero.inference import NumpyModel, weights_of
+from portnav_ros.muzero.learner import Learner, LearnerParams
+from portnav_ros.muzero.model_file import Card, save_model
+from portnav_ros.muzero.networks import Network, NetworkParams
+from portnav_ros.muzero.replay import Replay, ReplayParams, Segment
+from portnav_ros.muzero.search import Search, SearchParams
+from portnav_ros.muzero.selfplay import SelfPlay, SelfPlayParams
+from portnav_ros.muzero.targets import TargetParams
+from portnav_ros.task.env import PortVectorEnv, TaskParams
+from portnav_ros.training.interrupt import Interrupt
+from portnav_ros.training.job import Job
+from portnav_ros.training.progress import Progress
+from portnav_ros.training.run_directory import RunDirectory
+from portnav_ros.training.running_means import RunningMeans
+from portnav_ros.training.scenarios import ScenarioParams, training_source, validation_scenarios
+from portnav_ros.training.schedule import ScheduleParams, due
+from portnav_ros.training.validation import Validation
+from portnav_ros.types import Array32, IntArray
+
+VALIDATION_BATCH = 100
+
+
+@dataclass(frozen=True)
+class Params:
+    """One training run; the presets in config/train/ override these defaults.
+
+    validate_prior: whether a validation also sails with the policy network alone, which the search has to
+    beat.
+    """
+
+    task: TaskParams = field(default_factory=TaskParams)
+    scenarios: ScenarioParams = field(default_factory=ScenarioParams)
+    network: NetworkParams = field(default_factory=NetworkParams)
+    search: SearchParams = field(default_factory=SearchParams)
+    selfplay: SelfPlayParams = field(default_factory=SelfPlayParams)
+    replay: ReplayParams = field(default_factory=ReplayParams)
+    targets: TargetParams = field(default_factory=TargetParams)
+    learner: LearnerParams = field(default_factory=LearnerParams)
+    schedule: ScheduleParams = field(default_factory=ScheduleParams)
+    validate_prior: bool = True
+
+    @property
+    def discount(self) -> float:
+        """Discount of one decision."""
+        return float(self.targets.discount**self.task.actions.hold)
+
+
+def train(params: Params, job: Job) -> None:
+    """Learn until the schedule's steps are sailed; the best model by validation is kept.
+
+    Raises:
+        TrainingError: the folder holds another run, or none to resume.
+        ParamError: the parameters do not fit each other.
+        ScenarioError: a world cannot be made.
+        KeyboardInterrupt: Ctrl-C, after a checkpoint was saved.
+    """
+    torch.set_num_threads(job.threads)
+    run = Run(params, job)
+    try:
+        run.go_on()
+    finally:
+        run.close()
+
+
+class Loop:
+    """Self-play, replay and learner, without files: what is measured and tested by itself."""
+
+    def __init__(self, params: Params, seed: int, device: str = 'cpu') -> None:
+        """Build everything from the seed."""
+        self.params = params
+        streams = np.random.SeedSequence(seed).spawn(3)
+        self.rng = np.random.default_rng(streams[0])
+        torch.manual_seed(int(streams[1].generate_state(1)[0]))
+        task, batch = params.task, params.selfplay.environments
+        actions = task.actions
+        network = Network(
+            task.observation.size, len(actions.heading_change_rad), len(actions.speed_mps), params.network
+        )
+        self.learner = Learner(network, params.learner, device)
+        self.replay = Replay(params.replay, batch, task.observation.size, actions.count)
+        env = PortVectorEnv(batch, seed=seed, source=training_source(params.scenarios, seed), task=task)
+        self.selfplay = SelfPlay(env, params.selfplay, params.search, params.network.latent, streams[2])
+        self.model = self.export()
+        self.means = RunningMeans()
+        self.busy_s = {'selfplay': 0.0, 'learner': 0.0}
+
+    @property
+    def steps(self) -> int:
+        """Environment steps so far: seconds sailed, over all environments."""
+        return self.replay.written * self.replay.batch * self.params.task.actions.hold
+
+    def export(self) -> NumpyModel:
+        """The networks as they stand, for self-play."""
+        speeds = len(self.params.task.actions.speed_mps)
+        return NumpyModel(weights_of(self.learner.arrays(), speeds), self.params.discount)
+
+    def iterate(self, worker: ThreadPoolExecutor) -> None:
+        """Play a segment and learn from those before it."""
+        self.learner.set_progress(self.steps / self.params.schedule.steps)
+        playing = worker.submit(self.play, self.model, self.learner.updates)
+        self.learn()
+        self.replay.append(playing.result())
+        self.model = self.export()
+
+    def play(self, model: NumpyModel, version: int) -> Segment:
+        """Play a segment, and note the time that it took."""
+        start = time.perf_counter()
+        segment = self.selfplay.play(model, version)
+        self.busy_s['selfplay'] += time.perf_counter() - start
+        return segment
+
+    def learn(self) -> None:
+        """Take the updates that are due, no more and no fewer than the replay's rate allows."""
+        start = time.perf_counter()
+        for left in range(self.updates_due(), 0, -1):
+            sample = self.draw()
+            if left == 1:
+                self.means.add(self.learner.diagnose(sample))
+            self.means.add(self.learner.update(sample))
+        self.busy_s['learner'] += time.perf_counter() - start
+
+    def updates_due(self) -> int:
+        """Updates that the decisions so far call for, less those taken."""
+        params, hold = self.params, self.params.task.actions.hold
+        if len(self.replay) < max(params.replay.warmup, (params.learner.unroll + 1) * self.replay.batch):
+            return 0
+        sequences = params.replay.samples_per_step * (self.steps - params.replay.warmup * hold)
+        return max(int(sequences / params.learner.batch) - self.learner.updates, 0)
+
+    def draw(self) -> Any:
+        """Draw the sample of an update."""
+        params = self.params
+        hold = params.task.actions.hold
+        return self.replay.sample(self.rng, params.learner.batch, params.learner.unroll, params.targets, hold)
+
+    def state(self) -> Saved:
+        """All but the replay."""
+        counters = {
+            'steps': self.steps,
+            'generator': self.rng.bit_generator.state,
+            'means': self.means.state_dict(),
+        }
+        return Saved(self.selfplay.state_dict(), self.learner.state_dict(), counters)
+
+    def restore(self, saved: Saved) -> None:
+        """Go on from a checkpoint, once the replay is filled."""
+        self.selfplay.load_state_dict(saved.arrays)
+        self.learner.load_state_dict(saved.tensors)
+        self.rng.bit_generator.state = saved.counters['generator']
+        self.means.load_state_dict(saved.counters['means'])
+        self.model = self.export()
+
+
+class Run:
+    """A loop with its files, progress bar and validation."""
+
+    def __init__(self, params: Params, job: Job) -> None:
+        """Begin a run, or go on with the one in the job's folder."""
+        self.params, self.job = params, job
+        if not job.resume:
+            config = {'algorithm': 'muzero', 'seed': job.seed, **job.provenance, **dataclasses.asdict(params)}
+            self.files = RunDirectory.create(job.out, config)
+        self.loop = Loop(params, job.seed, job.device)
+        self.checkpoints = Checkpoints(RunDirectory(job.out).checkpoint)
+        self.best = {'success': -1.0, 'reward': 0.0}
+        if job.resume:
+            self._restore()
+        scenarios = validation_scenarios(params.scenarios)
+        self.example = scenarios[0]
+        self.validation = Validation(scenarios, params.task, VALIDATION_BATCH)
+        batch = min(VALIDATION_BATCH, len(scenarios))
+        self.search = Search(params.search, batch, params.task.actions.count, params.network.latent)
+        self.progress = Progress(params.schedule.steps, self.loop.steps, 'MuZero')
+        self.logged = self.loop.steps, time.perf_counter(), dict(self.loop.busy_s)
+
+    def go_on(self) -> None:
+        """Learn to the end of the schedule."""
+        loop, total = self.loop, self.params.schedule.steps
+        with Interrupt() as interrupt, ThreadPoolExecutor(1) as worker:
+            while loop.steps < total and not interrupt.asked:
+                before = loop.steps
+                loop.iterate(worker)
+                self.progress.show(loop.steps, loop.selfplay.statistics.summary())
+                self._record(before)
+        if interrupt.asked:
+            self.save()
+            self.progress.say(
+                f'saved at {loop.steps} steps; go on with: portnav train --resume --out {self.job.out}'
+            )
+            raise KeyboardInterrupt
+
+    def _record(self, before: int) -> None:
+        """Log, validate and save where it is time, in this order: a checkpoint covers the lines before it."""
+        schedule, after = self.params.schedule, self.loop.steps
+        over = after >= schedule.steps
+        if over or due(before, after, schedule.log_every):
+            self.log()
+        if over or due(before, after, schedule.validate_every):
+            self.validate()
+        if over or due(before, after, schedule.save_every):
+            self.save()
+
+    def log(self) -> None:
+        """Write a line of metrics."""
+        loop, steps, now_s = self.loop, self.loop.steps, time.perf_counter()
+        wall_s = now_s - self.logged[1]
+        shares = {name: (busy - self.logged[2][name]) / wall_s for name, busy in loop.busy_s.items()}
+        self.files.log(
+            {
+                'steps': steps,
+                'episodes': loop.selfplay.statistics.episodes,
+                'decisions': loop.replay.written * loop.replay.batch,
+                'updates': loop.learner.updates,
+                **loop.selfplay.statistics.summary(),
+                'losses': loop.means.take(),
+                'samples_per_step': loop.learner.updates * self.params.learner.batch / steps,
+                'replay': len(loop.replay),
+                'steps_per_s': (steps - self.logged[0]) / wall_s,
+                'time_share': shares,
+            }
+        )
+        self.logged = steps, now_s, dict(loop.busy_s)
+
+    def validate(self) -> None:
+        """Sail the validation worlds by the best actions; keep the model if none was better."""
+        rng, model = np.random.default_rng(0), self.loop.model
+
+        def plan(features: Array32) -> IntArray:
+            return self.search.run(model, features, rng, temperature=0.0).action
+
+        result = self.validation.run(plan)
+        if self.params.validate_prior:
+            prior = self.validation.run(lambda features: likeliest(model, features))
+            result['prior'] = {name: prior[name] for name in ('success', 'interval', 'reward')}
+        self.files.log({'steps': self.loop.steps, 'validation': result})
+        self.progress.say(f'{self.loop.steps} steps: validation success {result["success"]:.1%}')
+        if (result['success'], result['reward']) > (self.best['success'], self.best['reward']):
+            self.best = {name: result[name] for name in self.best}
+            save_model(self.files.best_model, self.loop.learner.arrays(), self.card(result))
+
+    def card(self, validation: Mapping[str, Any]) -> Card:
+        """What the model is."""
+        params, job = self.params, self.job
+        return Card(
+            algorithm='muzero',
+            task=params.task,
+            vessel=self.example.vessel,
+            lidar=self.example.lidar,
+            discount=params.discount,
+            network=dataclasses.asdict(params.network),
+            search=dataclasses.asdict(params.search),
+            training={
+                **job.provenance,
+                'steps': self.loop.steps,
+                'seed': job.seed,
+                'scenarios': dataclasses.asdict(params.scenarios),
+            },
+            evaluation={'split': 'validation', **validation},
+            git_commit=str(job.provenance.get('git_commit', 'unknown')),
+        )
+
+    def save(self) -> None:
+        """Write a checkpoint."""
+        saved = self.loop.state()
+        counters = {**saved.counters, 'best': self.best}
+        self.checkpoints.save(str(self.loop.steps), saved._replace(counters=counters), self.loop.replay)
+
+    def close(self) -> None:
+        """Close files and progress bar."""
+        self.progress.close()
+        self.files.close()
+
+    def _restore(self) -> None:
+        saved = self.checkpoints.load(self.loop.replay, self.loop.learner.device)
+        self.files = RunDirectory.reopen(self.job.out, saved.counters['steps'] if saved else -1)
+        if saved is not None:
+            self.loop.restore(saved)
+            self.best = saved.counters['best']
+
+
+def likeliest(model: NumpyModel, features: Array32) -> IntArray:
+    """Actions [B] that the policy network alone would take."""
+    logits, _ = model.predict(model.represent(features))
+    return np.asarray(logits.argmax(1))
