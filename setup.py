@@ -10,6 +10,7 @@ EXECUTABLES = (
     'global_planner',
     'muzero_planner',
     'dwa_planner',
+    'ppo_planner',
     'line_of_sight_planner',
     'pid_controller',
     'bag_recorder',

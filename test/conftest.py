@@ -1,4 +1,5 @@
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -71,6 +72,27 @@ def make_model(tmp_path_factory, random_tensors):
         )
         path = tmp_path_factory.mktemp('models') / 'muzero.safetensors'
         save_model(path, random_tensors(task, seed), dataclasses.replace(card, **fields))
+        return path
+
+    return make
+
+
+@pytest.fixture(scope='session')
+def make_ppo_model(tmp_path_factory):
+    """Save a PPO model with random weights; return its path."""
+
+    def make(task=None, hidden=(8, 6), **fields):
+        task = task or TaskParams()
+        generator = np.random.default_rng(0)
+        widths = (task.observation.size, *hidden, task.actions.count)
+        tensors = {}
+        for index, (inputs, outputs) in enumerate(itertools.pairwise(widths)):
+            weight = generator.normal(0.0, 1.0, (outputs, inputs)) / np.sqrt(inputs)
+            tensors[f'policy.{index}.weight'] = weight.astype(np.float32)
+            tensors[f'policy.{index}.bias'] = generator.normal(0.0, 0.1, outputs).astype(np.float32)
+        card = Card('ppo', task, VesselParams(), LidarParams(), 0.99, {'hidden': hidden})
+        path = tmp_path_factory.mktemp('models') / 'ppo.safetensors'
+        save_model(path, tensors, dataclasses.replace(card, **fields))
         return path
 
     return make

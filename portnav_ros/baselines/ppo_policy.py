@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from portnav_ros.muzero import ModelError
-from portnav_ros.muzero.model_file import Model, check_sensor, load_model, vessel_misfit
+from portnav_ros.muzero.model_file import Model, check_sensor, check_vessel, load_model
 from portnav_ros.sim.scenario import LidarParams
 from portnav_ros.task.agent import AgentPolicy
 from portnav_ros.task.policy import Observation
@@ -35,18 +34,16 @@ def load_policy(
         ModelError: there is no model, or it does not fit.
     """
     model = load_model(path)
-    misfit = vessel_misfit(model, vessel)
-    if misfit and not allow_mismatch:
-        raise ModelError(misfit)
-    if misfit:
-        warnings.warn(misfit, stacklevel=2)
-    return PpoPolicy(model, lidar)
+    return PpoPolicy(model, lidar, check_vessel(model, vessel, allow_mismatch))
 
 
 class PpoPolicy:
-    """Takes the action that a model's policy network holds likeliest."""
+    """Takes the action that a model's policy network holds likeliest.
 
-    def __init__(self, model: Model, lidar: LidarParams) -> None:
+    misfit: what the model does not fit.
+    """
+
+    def __init__(self, model: Model, lidar: LidarParams, misfit: str = '') -> None:
         """Take a model.
 
         Raises:
@@ -56,6 +53,7 @@ class PpoPolicy:
         check_sensor(model, lidar)
         task = model.card.task
         self.model = model
+        self.misfit = misfit
         self._layers = _layers(model)
         self._agent = AgentPolicy(task.observation, task.actions, lidar, self._decide)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
+from portnav_ros.baselines import ppo_policy
 from portnav_ros.baselines.dwa import DynamicWindow
 from portnav_ros.baselines.line_of_sight import LineOfSight
 from portnav_ros.baselines.space_time import SpaceTime
@@ -65,14 +66,20 @@ def _prior(scenario: Scenario, options: ModelOptions) -> Policy:
     return _muzero(scenario, replace(options, simulations=0))
 
 
+def _ppo(scenario: Scenario, options: ModelOptions) -> Policy:
+    file = options.file or released_model('ppo')
+    return ppo_policy.load_policy(file, scenario.vessel, scenario.lidar, options.allow_mismatch)
+
+
 PLANNERS: dict[str, Callable[[Scenario, ModelOptions], Policy]] = {
     'dwa': _dwa,
     'line_of_sight': _line_of_sight,
     'ceiling': _ceiling,
     'muzero': _muzero,
     'prior': _prior,  # MuZero's policy network without the search
+    'ppo': _ppo,
 }
-ALGORITHMS = {'muzero': 'muzero', 'prior': 'muzero'}  # of the learned ones
+ALGORITHMS = {'muzero': 'muzero', 'prior': 'muzero', 'ppo': 'ppo'}  # of the learned ones
 
 
 def make_planner(name: str, scenario: Scenario, options: ModelOptions = NO_OPTIONS) -> Policy:
@@ -100,6 +107,6 @@ def identify(name: str, options: ModelOptions) -> dict[str, object] | None:
     return {
         'file': str(model.path),
         'sha256': model.sha256,
-        'simulations': 0 if name == 'prior' else simulations,
+        'simulations': simulations if name == 'muzero' else 0,
         'training': dict(model.card.training),
     }

@@ -48,6 +48,7 @@ NODES = (
     NodeSpec('global_planner', OnDeath.RESTART),
     NodeSpec('muzero_planner', OnDeath.RESTART, in_loop=True, remaps=_UNCHECKED),
     NodeSpec('dwa_planner', OnDeath.RESTART, in_loop=True, remaps=_UNCHECKED),
+    NodeSpec('ppo_planner', OnDeath.RESTART, in_loop=True, remaps=_UNCHECKED),
     NodeSpec('line_of_sight_planner', OnDeath.RESTART, in_loop=True, remaps=_UNCHECKED),
     NodeSpec('pid_controller', OnDeath.RESTART, in_loop=True),
     NodeSpec(RECORDER, OnDeath.GO_ON, stops_last=True),

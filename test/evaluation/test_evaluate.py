@@ -180,6 +180,16 @@ def test_models_are_looked_for_before_anything_is_sailed(monkeypatch, tmp_path):
         evaluate.run(arguments(words))
 
 
+def test_ppo_sails_by_its_model(make_ppo_model, tmp_path):
+    figures = tmp_path / 'figures.json'
+    file = make_ppo_model(vessel=load_vessel('cemt_iv'))
+    words = f'--planner ppo --model {file} --scenario no_traffic --episodes 2 --workers 1'
+    evaluate.run(arguments(f'{words} --json {figures}'))
+    values = json.loads(figures.read_text())
+    assert values['episodes'] == 2
+    assert values['model']['sha256'] == hashlib.sha256(file.read_bytes()).hexdigest()
+
+
 def test_search_and_prior_sail_the_same_episodes(make_model, tmp_path):
     figures = tmp_path / 'figures.json'
     file = make_model(TaskParams(actions=ActionParams(hold=8)), vessel=load_vessel('cemt_iv'))
