@@ -19,7 +19,7 @@ LAYERS = (
     {'muzero', 'baselines'},
     {'evaluation'},
     {'nodes'},
-    {'cli', 'doctor', '__main__'},
+    {'cli', 'doctor', 'training_command', '__main__'},
 )
 HEIGHT = {name: height for height, names in enumerate(LAYERS) for name in names}
 HOMES = {
