@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import pickle
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -48,14 +48,13 @@ def train(params: Params, job: Job) -> None:
     A resumed run goes on bit for bit as if it had not been interrupted.
 
     Raises:
-        TrainingError: the folder does not fit, or holds no checkpoint to resume from.
+        TrainingError: the folder holds another run, or none to resume.
         ParamError: the parameters do not fit each other.
         ScenarioError: a world cannot be made.
+        KeyboardInterrupt: Ctrl-C, after a checkpoint was saved.
     """
     torch.set_num_threads(job.threads)
-    state = _read_checkpoint(job.out) if job.resume else None
-    print('preparing worlds; the first run compiles kernels, about a minute')
-    run = Run(params, job, state)
+    run = Run(params, job)
     try:
         run.sail()
     finally:
@@ -65,17 +64,21 @@ def train(params: Params, job: Job) -> None:
 class Run:
     """A run under way: environments, agent, validation and files."""
 
-    def __init__(self, params: Params, job: Job, state: Mapping[str, Any] | None) -> None:
-        """Begin a run, or go on with one from the state of its checkpoint."""
+    def __init__(self, params: Params, job: Job) -> None:
+        """Begin a run, or go on with the one in the job's folder."""
         self._params, self._job = params, job
+        if not job.resume:
+            config = {'algorithm': 'ppo', 'seed': job.seed, **job.provenance, **dataclasses.asdict(params)}
+            self._files = RunDirectory.create(job.out, config)
         self._period = params.task.actions.hold
         self._statistics = EpisodeStatistics(params.learner.environments, self._period * DECISION_S)
         source = training_source(params.scenarios, job.seed)
         self._env = PortVectorEnv(params.learner.environments, seed=job.seed, source=source, task=params.task)
         adapter = PortVecEnv(self._env, params.learner.reward_scale, self._statistics.update)
         self._agent = PpoAgent(params.learner, adapter, job.seed, job.device)
-        self._best = -1.0
-        self._files = self._reopen(state) if state else self._create()
+        self._best = {'success': -1.0, 'reward': 0.0}
+        if job.resume:
+            self._restore()
         scenarios = validation_scenarios(params.scenarios)
         self._example = scenarios[0]
         self._validation = Validation(scenarios, params.task)
@@ -89,27 +92,34 @@ class Run:
 
     def sail(self) -> None:
         """Learn to the end of the schedule; Ctrl-C ends a run early, after a checkpoint."""
-        schedule = self._params.schedule
         with Interrupt() as interrupt:
-            while self.steps < schedule.steps and not interrupt.asked:
+            while self.steps < self._params.schedule.steps and not interrupt.asked:
                 before = self.steps
                 losses = self._agent.improve()
                 self._progress.show(self.steps, self._statistics.summary())
-                if due(before, self.steps, schedule.log_every):
-                    self._log(losses)
-                if due(before, self.steps, schedule.validate_every):
-                    self._validate()
-                if due(before, self.steps, schedule.save_every):
-                    self._save()
-        self._save()
+                self._record(before, losses)
         if interrupt.asked:
-            self._progress.say(f'saved at {self.steps} steps; continue with --resume --out {self._job.out}')
+            self._save()
+            self._progress.say(
+                f'saved at {self.steps} steps; go on with: portnav train --resume --out {self._job.out}'
+            )
             raise KeyboardInterrupt
 
     def close(self) -> None:
         """Close files and progress bar."""
         self._progress.close()
         self._files.close()
+
+    def _record(self, before: int, losses: Mapping[str, float]) -> None:
+        """Log, validate and save where it is time, in this order: a checkpoint covers the lines before it."""
+        schedule, after = self._params.schedule, self.steps
+        over = after >= schedule.steps
+        if over or due(before, after, schedule.log_every):
+            self._log(losses)
+        if over or due(before, after, schedule.validate_every):
+            self._validate()
+        if over or due(before, after, schedule.save_every):
+            self._save()
 
     def _log(self, losses: Mapping[str, float]) -> None:
         steps, now_s = self.steps, time.monotonic()
@@ -132,8 +142,8 @@ class Run:
         result = self._validation.run(lambda features: likeliest(layers, features))
         self._files.log({'steps': self.steps, 'validation': result})
         self._progress.say(f'{self.steps} steps: validation success {result["success"]:.1%}')
-        if result['success'] > self._best:
-            self._best = result['success']
+        if (result['success'], result['reward']) > (self._best['success'], self._best['reward']):
+            self._best = {name: result[name] for name in self._best}
             save_model(self._files.best_model, self._agent.tensors(), self._card(result))
 
     def _card(self, validation: Mapping[str, Any]) -> Card:
@@ -143,9 +153,10 @@ class Run:
             task=params.task,
             vessel=self._example.vessel,
             lidar=self._example.lidar,
-            discount=params.learner.discount,
+            discount=self._agent.discount,
             network={'hidden': params.learner.hidden},
             training={
+                **job.provenance,
                 **job.provenance,
                 'steps': self.steps,
                 'seed': job.seed,
@@ -155,22 +166,17 @@ class Run:
             git_commit=str(job.provenance.get('git_commit', 'unknown')),
         )
 
-    def _create(self) -> RunDirectory:
-        config = {
-            'algorithm': 'ppo',
-            'seed': self._job.seed,
-            **self._job.provenance,
-            **dataclasses.asdict(self._params),
-        }
-        return RunDirectory.create(self._job.out, config)
-
-    def _reopen(self, state: Mapping[str, Any]) -> RunDirectory:
+    def _restore(self) -> None:
+        state = _read_checkpoint(self._job)
+        if state is None:
+            self._files = RunDirectory.reopen(self._job.out, -1)
+            return
         self._agent.load_state_dict(state['agent'])
         self._best = state['best']
         arrays = _unpack(state['arrays'])
         self._env.load_state_dict(_part(arrays, 'env_'))
         self._statistics.load_state_dict(_part(arrays, 'statistics_'))
-        return RunDirectory.reopen(self._job.out, self.steps)
+        self._files = RunDirectory.reopen(self._job.out, self.steps)
 
     def _save(self) -> None:
         parts = {'env_': self._env.state_dict(), 'statistics_': self._statistics.state_dict()}
@@ -197,9 +203,17 @@ def _part(arrays: Mapping[str, AnyArray], prefix: str) -> dict[str, AnyArray]:
     return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
 
 
-def _read_checkpoint(out: Path) -> dict[str, Any]:
-    file = RunDirectory(out).checkpoint / CHECKPOINT
+def _read_checkpoint(job: Job) -> dict[str, Any] | None:
+    """What the last checkpoint holds; None where there is none yet.
+
+    Raises:
+        TrainingError: the file is damaged.
+    """
+    file = RunDirectory(job.out).checkpoint / CHECKPOINT
     if not file.exists():
-        raise TrainingError(f'{file}: no checkpoint to resume from; begin a new run without --resume')
-    state: dict[str, Any] = torch.load(file, weights_only=True)
+        return None
+    try:
+        state: dict[str, Any] = torch.load(file, weights_only=True, map_location=job.device)
+    except (RuntimeError, pickle.UnpicklingError) as error:
+        raise TrainingError(f'{file}: damaged ({error}); begin a new run with another --out') from error
     return state

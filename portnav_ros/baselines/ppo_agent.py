@@ -28,14 +28,14 @@ LOSSES = (
 
 @dataclass(frozen=True)
 class PpoParams:
-    """What stable-baselines3 is given; names as in the paper, sizes in decisions."""
+    """What stable-baselines3 is given; names as in the paper. rollout, batch: in decisions."""
 
     environments: int = 64
     rollout: int = 128  # decisions of each environment between updates
     batch: int = 2048
     epochs: int = 10
     learning_rate: float = 3e-4
-    discount: float = 0.997
+    discount: float = 0.997  # of one decision period; actions may be held for several
     gae_lambda: float = 0.95
     clip: float = 0.2
     entropy_weight: float = 0.01
@@ -76,6 +76,7 @@ class PpoAgent:
     def __init__(self, params: PpoParams, env: PortVecEnv, seed: int, device: str) -> None:
         """Build fresh networks."""
         self.params = params
+        self.discount = params.discount**env.env.task.actions.hold  # of one decision
         self.algorithm = PPO(
             'MlpPolicy',
             env,
@@ -83,7 +84,7 @@ class PpoAgent:
             n_steps=params.rollout,
             batch_size=params.batch,
             n_epochs=params.epochs,
-            gamma=params.discount,
+            gamma=self.discount,
             gae_lambda=params.gae_lambda,
             clip_range=params.clip,
             ent_coef=params.entropy_weight,

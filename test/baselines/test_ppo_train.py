@@ -1,12 +1,13 @@
 """`portnav train --algorithm ppo`, from the first step to a model that sails."""
 
 import dataclasses
+import shutil
 import signal
 
 import numpy as np
 import pytest
 
-from portnav_ros.baselines.ppo_policy import PpoPolicy, likeliest, policy_layers
+from portnav_ros.baselines.ppo_policy import likeliest, load_policy, policy_layers
 from portnav_ros.muzero.model_file import load_model
 from portnav_ros.params import override
 from portnav_ros.training.job import Job
@@ -78,13 +79,13 @@ def test_best_model_sails_as_the_validation_did(finished):
     assert model.card.algorithm == 'ppo'
     assert model.card.task == TINY.task
     assert (model.card.training['steps'], model.card.git_commit) == (1024, 'abc')
-    policy = PpoPolicy(model, model.card.lidar)
+    assert model.card.discount == pytest.approx(TINY.learner.discount**4)
     scenarios = ppo.validation_scenarios(TINY.scenarios)
     again = ppo.Validation(scenarios, TINY.task).run(
         lambda features: likeliest(policy_layers(model.tensors), features)
     )
     assert again['reward'] == pytest.approx(model.card.evaluation['reward'])
-    assert policy.model.label.startswith('best.safetensors')
+    assert load_policy(model.path, model.card.vessel, model.card.lidar).misfit == ''
 
 
 def test_resumed_run_is_bit_for_bit_the_uninterrupted_one(finished, tmp_path):
@@ -105,8 +106,16 @@ def test_a_second_run_in_the_folder_is_refused(finished):
 
 
 def test_nothing_to_resume_is_said(tmp_path):
-    with pytest.raises(TrainingError, match='no checkpoint to resume from'):
+    with pytest.raises(TrainingError, match='no run to resume'):
         ppo.train(TINY, Job(tmp_path, resume=True))
+
+
+def test_a_damaged_checkpoint_is_named(finished, tmp_path):
+    shutil.copytree(finished, tmp_path / 'run')
+    file = tmp_path / 'run/checkpoint' / ppo.CHECKPOINT
+    file.write_bytes(file.read_bytes()[:-1000])
+    with pytest.raises(TrainingError, match=r'ppo\.pt: damaged .* --out'):
+        ppo.train(TINY, Job(tmp_path / 'run', resume=True))
 
 
 def test_interrupt_saves_between_updates_and_says_how_to_go_on(tmp_path, monkeypatch, capsys):
