@@ -69,7 +69,7 @@ def test_the_death_of_a_node_ends_or_restarts(launch):
 
 
 def test_a_real_vessel_takes_the_place_of_the_sim(launch):
-    nodes = launch(difficulty='easy', without='[sim]', record='false')
+    nodes = launch(difficulty='easy', planner='dwa', without='[sim]', record='false')
     assert [node['name'] for node in nodes] == ['global_planner', 'dwa_planner', 'pid_controller']
 
 

@@ -115,7 +115,7 @@ def load_model(path: Path) -> Model:
     if not path.is_file():
         raise ModelError(f'{path}: no such model; train one with `portnav train`, or name another file')
     document = _read_document(card_path(path))
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    digest = file_hash(path)
     if digest != document['sha256']:
         raise ModelError(
             f'{path}: sha256 {digest[:12]}... is not the {str(document["sha256"])[:12]}... of '
@@ -142,6 +142,11 @@ def released_model(algorithm: str) -> Path:
 def card_path(path: Path) -> Path:
     """Where the card of a weights file lies."""
     return path.with_suffix('.json')
+
+
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def configuration_hash(document: Mapping[str, Any]) -> str:

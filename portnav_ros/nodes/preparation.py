@@ -20,6 +20,7 @@ from portnav_ros.charts import write_geojson
 from portnav_ros.evaluation import bag_episode
 from portnav_ros.evaluation.bag_writer import Storage
 from portnav_ros.evaluation.provenance import git_commit
+from portnav_ros.muzero.model_file import file_hash, released_model
 from portnav_ros.nodes.process import Command
 from portnav_ros.nodes.table import LOCAL_PLANNERS, NAMES, PLANNER_SUFFIX, RECORDER, NodeSpec, OnDeath, graph
 from portnav_ros.params import ParamError, check_range, override, read_yaml
@@ -241,7 +242,15 @@ def _metadata(options: GraphOptions, configuration: Configuration, scenario: Sce
         'version': __version__,
         'git_commit': git_commit(),
         'libraries': json.dumps({'python': platform.python_version(), **_versions()}),
+        **_model(options, configuration),
     }
+
+
+def _model(options: GraphOptions, configuration: Configuration) -> dict[str, str]:
+    """SHA-256 of the planner's model; nothing for a planner that needs none, or whose node will refuse it."""
+    named = configuration.get(options.planner + PLANNER_SUFFIX, {}).get('model')
+    path = Path(named) if named else released_model(options.planner)
+    return {'model_sha256': file_hash(path)} if path.is_file() else {}
 
 
 def _versions() -> Mapping[str, str]:

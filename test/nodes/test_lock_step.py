@@ -3,13 +3,17 @@
 import numpy as np
 import pytest
 
+from portnav_ros.baselines.dwa import DynamicWindow
+from portnav_ros.muzero.policy import load_policy
 from portnav_ros.nodes.dwa_planner import make_node as make_dwa
-from portnav_ros.nodes.dwa_planner import make_policy
 from portnav_ros.nodes.messages import path_message, read_odometry, read_stamp
+from portnav_ros.nodes.muzero_planner import make_node as make_muzero
 from portnav_ros.nodes.pid_controller import PidController
 from portnav_ros.nodes.sim import Sim
 from portnav_ros.sim.generator import load_scenario
 from portnav_ros.sim.world import World
+from portnav_ros.task.actions import ActionParams
+from portnav_ros.task.env import TaskParams
 from portnav_ros.task.observation import ObservationParams, Observer
 
 SECONDS = 40
@@ -22,12 +26,19 @@ def scenario():
     return load_scenario('crossing', 0)
 
 
-def through_ros(graph, scenario):
+@pytest.fixture(scope='module')
+def model(make_model, scenario):
+    task = TaskParams(ObservationParams(layout='aligned'), ActionParams(reference='path', hold=3))
+    return make_model(task, vessel=scenario.vessel, lidar=scenario.lidar)
+
+
+def through_ros(graph, scenario, make_planner=make_dwa, **parameters):
     """Track [T, 5] at whole seconds, by sim, planner and autopilot over DDS."""
     graph.listen('odom', lock_step=True)
     vessel = {'preset': scenario.vessel.name}
     graph.add(PidController, lock_step=True, **vessel)
-    graph.add(lambda **options: make_dwa(cli_args=SETPOINT_TOPIC, **options), lock_step=True, **vessel)
+    planner = vessel | parameters
+    graph.add(lambda **options: make_planner(cli_args=SETPOINT_TOPIC, **options), lock_step=True, **planner)
     sim = graph.add(Sim, scenario='crossing', lock_step=True)
     graph.publish('plan', path_message(scenario.path, 0))
     graph.until(lambda: sim.time_ns >= SECONDS * SECOND_NS, f'{SECONDS} s')
@@ -36,11 +47,11 @@ def through_ros(graph, scenario):
     return np.array([rows[second * SECOND_NS] for second in range(SECONDS + 1)])
 
 
-def in_process(scenario):
+def in_process(scenario, policy):
     world = World([scenario])
-    policy = make_policy(type('Params', (), {'vessel': scenario.vessel, 'autopilot': scenario.autopilot}))
     observer = Observer(1, scenario.lidar, ObservationParams())
     observer.reset(np.ones(1, bool), [scenario.path])
+    policy.reset(np.ones(1, bool))
     track = [world.own[0, :5].copy()]
     for _ in range(SECONDS):
         world.step(policy.act(observer.update(world.own, world.ranges, world.setpoint)))
@@ -48,11 +59,20 @@ def in_process(scenario):
     return np.array(track)
 
 
-def test_the_track_is_that_of_the_world_in_process(graph, scenario):
-    expected, found = in_process(scenario), through_ros(graph, scenario)
+def assert_same_track(found, expected):
     expected[:, 2] = found[:, 2] + np.remainder(expected[:, 2] - found[:, 2] + np.pi, 2.0 * np.pi) - np.pi
     assert np.hypot(*(expected[-1, :2] - expected[0, :2])) > 30.0
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-6)
+
+
+def test_the_track_is_that_of_the_world_in_process(graph, scenario):
+    policy = DynamicWindow(scenario.vessel, scenario.autopilot)
+    assert_same_track(through_ros(graph, scenario), in_process(scenario, policy))
+
+
+def test_a_learned_policys_track_is_too(graph, scenario, model):
+    found = through_ros(graph, scenario, make_muzero, model=str(model))
+    assert_same_track(found, in_process(scenario, load_policy(model, scenario.vessel, scenario.lidar)))
 
 
 def test_the_same_seed_gives_the_same_track_bit_for_bit(graph, another_graph, scenario):

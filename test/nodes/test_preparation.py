@@ -1,6 +1,8 @@
 """What a run needs before a node starts; what is refused."""
 
+import hashlib
 import json
+from dataclasses import replace
 
 import pytest
 import yaml
@@ -20,7 +22,7 @@ from portnav_ros.nodes.preparation import (
 from portnav_ros.nodes.table import LOCAL_PLANNERS, OnDeath, graph
 from portnav_ros.params import ParamError
 
-EASY = GraphOptions(difficulty='easy', seed=3, mode='lock_step')
+EASY = GraphOptions(planner='dwa', difficulty='easy', seed=3, mode='lock_step')
 
 
 @pytest.fixture(scope='module')
@@ -97,7 +99,16 @@ def test_the_folder_holds_what_the_nodes_share(tmp_path, scenario):
     metadata = json.loads((tmp_path / METADATA).read_text())
     assert json.loads(metadata['goal']) == pytest.approx(scenario.goal)
     assert metadata['planner'] == 'dwa'
+    assert 'model_sha256' not in metadata
     assert all(isinstance(value, str) for value in metadata.values())
+
+
+def test_the_metadata_names_the_weights(tmp_path, scenario, make_model):
+    file = make_model()
+    options = replace(EASY, planner='muzero')
+    prepare(options, {'muzero_planner': {'model': str(file)}}, scenario, tmp_path)
+    metadata = json.loads((tmp_path / METADATA).read_text())
+    assert metadata['model_sha256'] == hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def test_a_configuration_changes_one_key_of_many(tmp_path, scenario):
