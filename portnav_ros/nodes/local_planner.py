@@ -86,7 +86,7 @@ class LocalPlanner(PortNode[PlannerParams]):
         params = self.params
         self._period_ns, self._age_ns = nanoseconds(params.period_s), nanoseconds(params.age_s)
         self._observer = Observer(1, params.lidar, params.observation)
-        self.get_logger().info('preparing the planner; the first start compiles kernels, up to 30 s')
+        self.get_logger().info('preparing the planner; the first start compiles kernels, up to a minute')
         self._policy = make_policy(params)
         self._warm_up()
         self._path: Array | None = None
@@ -126,13 +126,12 @@ class LocalPlanner(PortNode[PlannerParams]):
         return {'decision_p50_ms': f'{1e3 * p50:.2f}', 'decision_p99_ms': f'{1e3 * p99:.2f}'}
 
     def _warm_up(self) -> None:
-        """Compile what the first decision will need."""
+        """Compile what the first decision will need; the first plan makes the policy begin anew."""
         path = np.column_stack([np.arange(0.0, 500.0, PATH_SPACING_M), np.zeros(50)])
         self._observer.reset(EVERYONE, [path])
         self._policy.reset(EVERYONE)
         ranges = np.full((1, self.params.lidar.rays), np.float32(self.params.lidar.range_max_m))
         self._policy.act(self._observer.update(np.zeros((1, STATE_SIZE)), ranges, np.zeros((1, 2))))
-        self._policy.reset(EVERYONE)
 
     def _forget(self) -> None:
         """Start anew: nothing is known but the plan."""

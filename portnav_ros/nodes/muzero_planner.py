@@ -12,10 +12,11 @@ from visualization_msgs.msg import MarkerArray
 
 from portnav_ros.muzero.model_file import released_model
 from portnav_ros.muzero.policy import Decision, MuZeroPolicy, load_policy
-from portnav_ros.nodes.local_planner import LocalPlanner, PlannerParams
+from portnav_ros.nodes.local_planner import EVERYONE, LocalPlanner, PlannerParams
 from portnav_ros.nodes.markers import track_marker
 from portnav_ros.nodes.runtime import Health, run_node
 from portnav_ros.params import check_range
+from portnav_ros.types import STATE_SIZE
 
 NAME = 'muzero_planner'
 AS_IN_CARD = -1
@@ -57,6 +58,8 @@ class MuZeroPlanner(LocalPlanner):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, make_policy, MuZeroParams(), **options)
+        self._policy.best_track(np.zeros(STATE_SIZE), np.eye(2))  # compiles
+        self._policy.reset(EVERYONE)
         self._markers = self.publisher('markers')
         self._shown: Decision | None = None
         label, simulations = self._policy.model.label, self._policy.simulations
