@@ -31,14 +31,14 @@ class PpoParams:
     """What stable-baselines3 is given; names as in the paper. rollout, batch: in decisions."""
 
     environments: int = 64
-    rollout: int = 128  # decisions of each environment between updates
-    batch: int = 2048
-    epochs: int = 10
-    learning_rate: float = 3e-4
+    rollout: int = 32  # decisions of each environment between updates
+    batch: int = 512
+    epochs: int = 5
+    learning_rate: float = 5e-4
     discount: float = 0.997  # of one decision period; actions may be held for several
     gae_lambda: float = 0.95
     clip: float = 0.2
-    entropy_weight: float = 0.01
+    entropy_weight: float = 0.001
     value_weight: float = 0.5
     gradient_clip: float = 0.5
     hidden: tuple[int, ...] = (256, 256)
