@@ -20,8 +20,7 @@ class LearnerParams:
     """Optimisation by AdamW.
 
     batch: sequences of an update. unroll: decisions of a sequence. last_rate: learning rate at the end
-    of the run, to which it falls linearly. compile: the unrolled networks by torch.compile, which needs
-    a C++ compiler and half a minute.
+    of the run, to which it falls linearly.
     """
 
     batch: int = 256
@@ -30,7 +29,6 @@ class LearnerParams:
     last_rate: float = 1e-4
     weight_decay: float = 1e-4
     gradient_clip: float = 5.0
-    compile: bool = False
     weights: LossWeights = field(default_factory=LossWeights)
 
     def __post_init__(self) -> None:
@@ -55,7 +53,6 @@ class Learner:
         self.updates = 0
         self.device = torch.device(device)
         self.network = network.to(self.device)
-        self._unroll = torch.compile(unroll) if params.compile else unroll
         self._optimiser = torch.optim.AdamW(
             network.parameters(),
             lr=params.learning_rate,
@@ -72,7 +69,7 @@ class Learner:
     def update(self, sample: Sample) -> dict[str, float]:
         """Take one step; returns the losses by term and the gradient's norm before it was clipped."""
         batch = to_batch(sample, self.device, absorbing=self.network.dynamics.alive is None)
-        said = self._unroll(self.network, batch.features, batch.action)
+        said = unroll(self.network, batch.features, batch.action)
         losses = {name: term(self.network, said, batch) for name, term in TERMS.items()}
         weights = self.params.weights
         total = torch.stack([getattr(weights, name) * loss for name, loss in losses.items()]).sum()

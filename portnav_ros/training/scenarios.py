@@ -19,7 +19,12 @@ from portnav_ros.sim.scenario_files import load_scenario
 from portnav_ros.task.env import ScenarioSource
 
 VALIDATION_SEED = 1_000_000  # the first of the validation worlds
-TESTBEDS = ('one_buoy', 'head_on', 'crossing', 'walls_only')
+TESTBEDS = {  # name: the scenario of config/scenarios; walls_only is a difficulty
+    'one_buoy': 'one_buoy',
+    'head_on': 'slow_head_on',
+    'crossing': 'half_crossing',
+    'walls_only': '',
+}
 PORTLESS_DRAWS = 512  # variations of a test bed that is a named scenario
 Ready = Callable[[int, int], None]
 
@@ -65,7 +70,7 @@ def training_source(params: ScenarioParams, seed: int, ready: Ready | None = Non
     if difficulty is not None:
         return ScenarioPool(replace(difficulty, route=params.route), params.ports, seed, progress=ready).draw
     first = seed * PORTLESS_DRAWS
-    worlds = [load_scenario(params.testbed, first + k) for k in range(PORTLESS_DRAWS)]
+    worlds = [load_scenario(TESTBEDS[params.testbed], first + k) for k in range(PORTLESS_DRAWS)]
 
     def draw(rng: np.random.Generator) -> Scenario:
         return worlds[int(rng.integers(len(worlds)))]
@@ -85,7 +90,9 @@ def validation_scenarios(params: ScenarioParams, ready: Ready | None = None) -> 
     scenarios = []
     for k in range(params.validation_episodes):
         seed = VALIDATION_SEED + k
-        made = make_scenario(difficulty, seed) if difficulty else load_scenario(params.testbed, seed)
+        made = (
+            make_scenario(difficulty, seed) if difficulty else load_scenario(TESTBEDS[params.testbed], seed)
+        )
         scenarios.append(made)
         if ready is not None:
             ready(k + 1, params.validation_episodes)
@@ -94,6 +101,6 @@ def validation_scenarios(params: ScenarioParams, ready: Ready | None = None) -> 
 
 def _difficulty(params: ScenarioParams) -> Difficulty | None:
     """The random ports to draw from, unless the worlds are those of a named scenario."""
-    if params.testbed == 'walls_only':
-        return load_difficulty('walls_only')
-    return None if params.testbed else load_difficulty(params.difficulty)
+    if params.testbed and TESTBEDS[params.testbed]:
+        return None
+    return load_difficulty(params.testbed or params.difficulty)
