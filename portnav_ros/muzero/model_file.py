@@ -33,6 +33,7 @@ from portnav_ros.vessel import VesselParams
 SCHEMA = 1
 CONFIGURATION = ('algorithm', 'task', 'vessel', 'lidar', 'discount', 'network', 'search')
 CONFIGURATION_HASH = 'configuration_sha256'
+SHOWN = 2  # differences between vessels that a message names
 P = TypeVar('P')
 
 
@@ -165,9 +166,10 @@ def vessel_misfit(model: Model, vessel: VesselParams) -> str:
     ]
     if not differences:
         return ''
+    more = f' and {len(differences) - SHOWN} more' if len(differences) > SHOWN else ''
     return (
         f'{model.path}: trained for vessel {model.card.vessel.name}, not {vessel.name} '
-        f'({", ".join(differences)}); use a model trained for it, or allow_mismatch'
+        f'({", ".join(differences[:SHOWN])}{more}); use a model trained for it, or allow_mismatch'
     )
 
 

@@ -173,3 +173,24 @@ def test_no_torch_at_run_time(path):
         'sys.exit("torch" in sys.modules)'
     )
     assert subprocess.run([sys.executable, '-c', code], check=False).returncode == 0
+
+
+def test_a_trained_network_sails(path, scenarios, tmp_path):
+    torch = pytest.importorskip('torch')
+    from portnav_ros.muzero.networks import Network, NetworkParams
+
+    torch.manual_seed(0)
+    params = NetworkParams(alive=True)
+    network = Network(TASK.observation.size, 9, 3, params)
+    torch.nn.init.normal_(network.prediction.policy.weight)  # starts at zero
+    tensors = {name: tensor.numpy() for name, tensor in network.state_dict().items()}
+    card = dataclasses.replace(load_model(path).card, network=dataclasses.asdict(params))
+    save_model(tmp_path / 'm.safetensors', tensors, card)
+    policy, seen = load(tmp_path / 'm.safetensors', simulations=0), []
+    decide = policy._agent._decide
+    policy._agent._decide = lambda features: seen.append(features.copy()) or decide(features)
+    sail(policy, scenarios[:1], 1)
+    with torch.no_grad():
+        logits = network.predict(network.represent(torch.from_numpy(seen[0]))).policy
+    assert policy.decision.best[0] == int(logits.argmax())
+    np.testing.assert_allclose(policy.decision.prior, torch.softmax(logits[0], 0).numpy(), atol=1e-5)
