@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numba import njit
 
-from portnav_ros.muzero.softmax import exp_row
+from portnav_ros.muzero.exponential import exp_negative
 from portnav_ros.muzero.tree import Step, new_step
 from portnav_ros.types import AnyArray, Array32
 
@@ -191,7 +191,7 @@ def _new_buffers(weights: Weights, batch: int) -> Buffers:
     return Buffers(dynamics, outs[0], predict, outs[1], np.zeros(batch, np.int32))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def run_step(
     weights: Weights, buffers: Buffers, discount: np.float32, latent: Array32, action: AnyArray, step: Step
 ) -> None:
@@ -218,7 +218,7 @@ def run_step(
     run_predict(weights, buffers, step)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def run_predict(weights: Weights, buffers: Buffers, step: Step) -> None:
     """Fill in the logits and the value of a step whose latents are known."""
     hidden = step.latent
@@ -235,7 +235,7 @@ def run_predict(weights: Weights, buffers: Buffers, step: Step) -> None:
         step.value[b] = expectation(out[b], actions, weights.value_atoms)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def run_layer(values: Array32, layer: Layer, rows: AnyArray, out: Array32) -> None:
     """Write relu(norm(values @ weight + bias[rows])) to out [B, outputs]."""
     np.dot(values, layer.weight, out)
@@ -248,7 +248,7 @@ def run_layer(values: Array32, layer: Layer, rows: AnyArray, out: Array32) -> No
             out[b, i] = max(out[b, i], ZERO)
 
 
-@njit(cache=True, fastmath={'contract', 'reassoc', 'nsz'})
+@njit(cache=True, error_model='numpy', fastmath={'contract', 'reassoc', 'nsz', 'nnan'})
 def normalise(row: Array32, norm: Array32) -> None:
     """LayerNorm of one row, in place."""
     size = np.float32(len(row))
@@ -263,11 +263,15 @@ def normalise(row: Array32, norm: Array32) -> None:
         row[i] = (row[i] - mean) * scale * norm[0, i] + norm[1, i]
 
 
-@njit(cache=True, fastmath={'contract', 'reassoc', 'nsz'})
+@njit(cache=True, error_model='numpy', fastmath={'contract', 'reassoc', 'nsz', 'nnan'})
 def expectation(row: Array32, start: int, atoms: Array32) -> np.float32:
-    """Mean of the atoms under the softmax of the logits from `start` on, which it overwrites."""
-    total = exp_row(row, start, start + len(atoms))
-    weighted = ZERO
+    """Mean of the atoms under the softmax of as many logits from `start` on."""
+    top = row[start]
     for i in range(len(atoms)):
-        weighted += row[start + i] * atoms[i]
+        top = max(top, row[start + i])
+    total, weighted = ZERO, ZERO
+    for i in range(len(atoms)):
+        share = exp_negative(row[start + i] - top)
+        total += share
+        weighted += share * atoms[i]
     return weighted / total

@@ -13,10 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from portnav_ros.muzero.exponential import exp_negative
 from portnav_ros.types import AnyArray, Array32
 
 POZERO, PUCT, GUMBEL = range(3)
-REASSOCIATE = {'contract', 'reassoc', 'nsz'}
+REASSOCIATE = {'contract', 'reassoc', 'nsz', 'nnan'}
 ZERO, ONE = np.float32(0.0), np.float32(1.0)
 TINY = np.float32(np.finfo(np.float32).tiny)
 LEAST_WIDTH = np.float32(1e-8)
@@ -39,7 +40,7 @@ class Rule(NamedTuple):
     visit_offset: np.float32
 
 
-@njit(cache=True, fastmath=REASSOCIATE)
+@njit(cache=True, error_model='numpy', fastmath=REASSOCIATE)
 def mix_value(prior: Array32, q: Array32, visits: AnyArray, raw_value: np.float32) -> np.float32:
     """Value of a node from its network and its visited actions, to stand for the unvisited ones.
 
@@ -56,13 +57,13 @@ def mix_value(prior: Array32, q: Array32, visits: AnyArray, raw_value: np.float3
     return (raw_value + total * (weighted / mass)) / (total + ONE)
 
 
-@njit(cache=True, fastmath=REASSOCIATE)
+@njit(cache=True, error_model='numpy', fastmath=REASSOCIATE)
 def q_width(rule: Rule, low: np.float32, high: np.float32) -> np.float32:
     """Width by which q is normalised: the range itself, within [q_floor, q_ceiling]."""
     return max(min(max(high - low, rule.q_floor), rule.q_ceiling), LEAST_WIDTH)
 
 
-@njit(cache=True, fastmath=REASSOCIATE)
+@njit(cache=True, error_model='numpy', fastmath=REASSOCIATE)
 def regularise(prior: Array32, gap: Array32, strength: np.float32, out: Array32) -> None:
     """Write pi_bar = strength * prior / (alpha - q) with sum 1, for q = -gap whose greatest is 0.
 
@@ -100,7 +101,7 @@ def regularise(prior: Array32, gap: Array32, strength: np.float32, out: Array32)
         out[a] *= scale
 
 
-@njit(cache=True, fastmath=REASSOCIATE)
+@njit(cache=True, error_model='numpy', fastmath=REASSOCIATE)
 def pozero_policy(
     rule: Rule,
     prior: Array32,
@@ -142,7 +143,7 @@ def pozero_policy(
     regularise(prior, gap, strength, out)
 
 
-@njit(cache=True, fastmath=REASSOCIATE)
+@njit(cache=True, error_model='numpy', fastmath=REASSOCIATE)
 def gumbel_values(
     rule: Rule, prior: Array32, q: Array32, visits: AnyArray, raw_value: np.float32, out: Array32
 ) -> None:
@@ -162,20 +163,20 @@ def gumbel_values(
         out[a] = scale * (max(completed - high, -width) / width + ONE)
 
 
-@njit(cache=True, fastmath=REASSOCIATE)
+@njit(cache=True, error_model='numpy', fastmath=REASSOCIATE)
 def tilt(prior: Array32, values: Array32) -> None:
     """Turn values [W] into the policy proportional to prior * exp(value), in place."""
     top, total = values[0], ZERO
     for a in range(len(prior)):
         top = max(top, values[a])
     for a in range(len(prior)):
-        values[a] = prior[a] * math.exp(values[a] - top)
+        values[a] = prior[a] * exp_negative(values[a] - top)
         total += values[a]
     for a in range(len(prior)):
         values[a] /= total
 
 
-@njit(cache=True, fastmath=REASSOCIATE)
+@njit(cache=True, error_model='numpy', fastmath=REASSOCIATE)
 def follow(policy: Array32, visits: AnyArray) -> None:
     """Turn a policy [W] into scores whose argmax keeps the visits in its proportions, in place.
 
@@ -189,7 +190,7 @@ def follow(policy: Array32, visits: AnyArray) -> None:
         policy[a] -= np.float32(visits[a]) * share
 
 
-@njit(cache=True, fastmath=REASSOCIATE)
+@njit(cache=True, error_model='numpy', fastmath=REASSOCIATE)
 def puct_scores(
     rule: Rule,
     prior: Array32,
@@ -225,7 +226,7 @@ def puct_scores(
         out[a] = known + explore * prior[a] / (np.float32(visits[a]) + ONE)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def halving_scores(
     prior: Array32, visits: AnyArray, considered: int, noise: Array32, values: Array32
 ) -> None:

@@ -30,6 +30,7 @@ from portnav_ros.muzero.tree import (
 from portnav_ros.params import ParamError, check_range
 from portnav_ros.types import Array32, BoolArray, IntArray
 
+CHUNK = 64  # rows whose trees fit the second level of the cache together
 RULES = {'pozero': rules.POZERO, 'puct': rules.PUCT, 'gumbel': rules.GUMBEL}
 
 
@@ -143,18 +144,31 @@ class Search:
             temperature: [B] or one for all: actions are drawn from policy^(1 / temperature), 0 is greedy.
         """
         batch = len(observation)
-        tree, root = _rows(self.tree, batch), _rows(self.root, batch)
-        leaves = _rows(self.leaves, batch)
+        tree, root = _rows(self.tree, slice(batch)), _rows(self.root, slice(batch))
         self._plant(model, observation, rng, valid, tree, root)
         if isinstance(model, NumpyModel):
-            network = model.weights, model.reserve(batch), model.discount
-            simulate(tree, root, self.rule, leaves, *network, _rows(self.step, batch))
+            self._run_compiled(model, batch)
         else:
-            for node in range(1, self.params.simulations + 1):
-                descend(tree, root, self.rule, node - 1, leaves)
-                grow(tree, node, leaves, model.step(leaves.latent, leaves.action))
+            self._run_stages(model, batch)
         conclude(tree, root, self.rule)
         return self._result(tree, root, rng, temperature)
+
+    def _run_compiled(self, model: NumpyModel, batch: int) -> None:
+        """Run all simulations of some rows, then of the next, so that their trees stay in the cache."""
+        for start in range(0, batch, CHUNK):
+            rows = slice(start, min(start + CHUNK, batch))
+            buffers = model.reserve(rows.stop - start)
+            tree, root = _rows(self.tree, rows), _rows(self.root, rows)
+            leaves, step = _rows(self.leaves, rows), _rows(self.step, rows)
+            simulate(tree, root, self.rule, leaves, step, model.weights, buffers, model.discount)
+
+    def _run_stages(self, model: Model, batch: int) -> None:
+        """Run the simulations around a model that is not compiled."""
+        rows = slice(0, batch)
+        tree, root, leaves = _rows(self.tree, rows), _rows(self.root, rows), _rows(self.leaves, rows)
+        for node in range(1, self.params.simulations + 1):
+            descend(tree, root, self.rule, node - 1, leaves)
+            grow(tree, node, leaves, model.step(leaves.latent, leaves.action))
 
     def _plant(
         self,
@@ -214,8 +228,8 @@ class Search:
 T = TypeVar('T', Tree, Root, Leaves, Step)
 
 
-def _rows(arrays: T, batch: int) -> T:
-    return arrays if len(arrays[0]) == batch else type(arrays)(*(array[:batch] for array in arrays))
+def _rows(arrays: T, rows: slice) -> T:
+    return type(arrays)(*(array[rows] for array in arrays))
 
 
 def masked_softmax(logits: Array32, valid: BoolArray) -> Array32:

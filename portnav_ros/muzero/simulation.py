@@ -47,16 +47,16 @@ def new_root(batch: int, simulations: int, actions: int) -> Root:
     return Root(prior, np.zeros(shape, bool), noise, considered, q, policy, choice, scratch)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, error_model='numpy', nogil=True)
 def simulate(
     tree: Tree,
     root: Root,
     rule: Rule,
     leaves: Leaves,
+    step: Step,
     weights: Weights,
     buffers: Buffers,
     discount: np.float32,
-    step: Step,
 ) -> None:
     """Run every simulation of a planted tree, networks and all, in one call that holds no lock."""
     for node in range(1, tree.prior.shape[1]):
@@ -65,7 +65,7 @@ def simulate(
         grow(tree, node, leaves, step)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def descend(tree: Tree, root: Root, rule: Rule, simulation: int, leaves: Leaves) -> None:
     """Find in every tree the edge that simulation number `simulation` expands."""
     for b in range(len(leaves.parent)):
@@ -81,7 +81,7 @@ def descend(tree: Tree, root: Root, rule: Rule, simulation: int, leaves: Leaves)
         leaves.latent[b] = tree.latent[b, node]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def conclude(tree: Tree, root: Root, rule: Rule) -> None:
     """Fill in the root's completed q, the rule's policy without noise, and the choice of the halving."""
     for b in range(len(root.prior)):
@@ -98,7 +98,7 @@ def conclude(tree: Tree, root: Root, rule: Rule) -> None:
             pozero_policy(rule, prior, q, visits, raw_value, root.scratch[b, 1], root.policy[b])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def _score_root(tree: Tree, root: Root, rule: Rule, b: int, considered: int) -> None:
     if rule.code != GUMBEL:
         _score(tree, rule, b, 0, root.scratch[b])
@@ -108,7 +108,7 @@ def _score_root(tree: Tree, root: Root, rule: Rule, b: int, considered: int) -> 
     halving_scores(root.prior[b], visits, considered, root.noise[b], scores)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def _score(tree: Tree, rule: Rule, b: int, node: int, scratch: Array32) -> None:
     """Write the scores of a node to scratch[0]."""
     prior, q, visits = tree.prior[b, node], tree.q[b, node], tree.visits[b, node]
@@ -124,7 +124,7 @@ def _score(tree: Tree, rule: Rule, b: int, node: int, scratch: Array32) -> None:
     follow(scores, visits)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def _best(rule: Rule, scores: Array32, valid: AnyArray) -> int:
     """Valid action with the greatest score."""
     best = -1

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from portnav_ros.muzero.softmax import exp_row
+from portnav_ros.muzero.exponential import exp_negative
 from portnav_ros.types import AnyArray, Array32
 
 NO_CHILD = -1
@@ -85,7 +85,7 @@ def new_step(batch: int, actions: int, latent: int) -> Step:
     return Step(features, reward, discount, logits, value)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def plant(tree: Tree, prior: Array32, value: Array32, latent: Array32) -> None:
     """Start every tree anew from a root prior [B, W], value [B] and latent [B, L]."""
     for b in range(len(prior)):
@@ -93,17 +93,21 @@ def plant(tree: Tree, prior: Array32, value: Array32, latent: Array32) -> None:
         _open_node(tree, b, 0, value[b], latent[b])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy', fastmath={'contract', 'reassoc', 'nsz', 'nnan'})
 def softmax(logits: Array32, out: Array32) -> None:
     """Write the probabilities of logits [A] to the first entries of out [W], each LEAST_PRIOR or more."""
-    actions = len(logits)
-    out[:actions] = logits
-    scale = ONE / exp_row(out, 0, actions)
-    for a in range(actions):
+    top, total = logits[0], np.float32(0.0)
+    for a in range(len(logits)):
+        top = max(top, logits[a])
+    for a in range(len(logits)):
+        out[a] = exp_negative(logits[a] - top)
+        total += out[a]
+    scale = ONE / total
+    for a in range(len(logits)):
         out[a] = max(out[a] * scale, LEAST_PRIOR)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def grow(tree: Tree, node: int, leaves: Leaves, step: Step) -> None:
     """Add node number `node` to every tree and carry its value up to the root."""
     for b in range(len(leaves.parent)):
@@ -118,7 +122,7 @@ def grow(tree: Tree, node: int, leaves: Leaves, step: Step) -> None:
         _back_up(tree, b, node)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def _open_node(tree: Tree, b: int, node: int, value: float, latent: Array32) -> None:
     tree.q[b, node] = np.float32(0.0)
     tree.visits[b, node] = np.int32(0)
@@ -129,7 +133,7 @@ def _open_node(tree: Tree, b: int, node: int, value: float, latent: Array32) -> 
     tree.latent[b, node] = latent
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def _back_up(tree: Tree, b: int, node: int) -> None:
     """Mean returns from a new node to the root; the reward of an action belongs to its edge."""
     returns = tree.value[b, node]
@@ -145,7 +149,7 @@ def _back_up(tree: Tree, b: int, node: int) -> None:
         node = parent
 
 
-@njit(cache=True)
+@njit(cache=True, error_model='numpy')
 def best_path(tree: Tree, first: AnyArray, path: AnyArray) -> None:
     """Write to path [B, D] the first action [B] and then the most visited ones, NO_CHILD behind the end."""
     for b in range(len(path)):
