@@ -1,0 +1,73 @@
+import numpy as np
+import pytest
+
+from portnav_ros.muzero.exponential import exp_negative
+from portnav_ros.muzero.inference import NumpyModel, expectation, weights_of
+
+
+def test_exponential():
+    x = -np.random.default_rng(0).uniform(0.0, 87.0, 3000).astype(np.float32)
+    values = np.array([exp_negative(value) for value in (*x, np.float32(0.0))])
+    np.testing.assert_allclose(values, np.exp(np.append(x, 0.0).astype(np.float64)), rtol=4e-7)
+    assert 0.0 < exp_negative(np.float32(-np.inf)) < 2e-38
+
+
+def test_a_rare_disaster_keeps_its_weight():
+    atoms = np.array([-1000.0, 0.0, 1000.0], np.float32)
+    logits = np.array([9.0, np.log(0.3), np.log(0.7), -30.0], np.float32)  # the first is another head's
+    assert expectation(logits, 1, atoms) == pytest.approx(-300.0, abs=0.01)
+
+
+def test_expectation_of_peaked_and_huge_logits():
+    atoms = np.array([-5.0, 2.0, 7.0], np.float32)
+    assert expectation(np.array([-1e30, 3e4, -3e4], np.float32), 0, atoms) == pytest.approx(2.0)
+    assert expectation(np.full(3, 1e30, np.float32), 0, atoms) == pytest.approx(4.0 / 3.0)
+
+
+@pytest.mark.parametrize(('hidden', 'alive'), [((32,), True), ((24, 40), False)])
+def test_same_as_torch(hidden, alive, network_state):
+    torch = pytest.importorskip('torch')
+    from portnav_ros.muzero.atoms import AtomParams
+    from portnav_ros.muzero.networks import Network, NetworkParams
+
+    rng = np.random.default_rng(1)
+    state = network_state(rng, hidden=hidden, alive=alive)
+    atoms = AtomParams(count=11)
+    sizes = {f'{part}_hidden': hidden for part in ('represent', 'dynamics', 'predict')}
+    oracle = Network(20, 9, 3, NetworkParams(latent=16, value=atoms, reward=atoms, alive=alive, **sizes))
+    oracle.load_state_dict({name: torch.from_numpy(array) for name, array in state.items()})
+    model = NumpyModel(weights_of(state, 3), 0.9)
+    observation, action = rng.standard_normal((5, 20)).astype(np.float32), np.array([0, 26, 4, 13, 22])
+    with torch.no_grad():
+        latent = oracle.represent(torch.from_numpy(observation))
+        now = oracle.predict(latent)
+        after = oracle.step(latent, torch.from_numpy(action))
+        later = oracle.predict(after.latent)
+        mean = [torch.softmax(p.value, 1) @ oracle.value_atoms for p in (now, later)]
+        reward = torch.softmax(after.reward, 1) @ oracle.reward_atoms
+        discount = 0.9 * (torch.sigmoid(after.alive) if alive else torch.ones(5))
+    close = {'rtol': 1e-4, 'atol': 1e-4}
+    np.testing.assert_allclose(model.represent(observation), latent, **close)
+    logits, value = model.predict(latent.numpy())
+    np.testing.assert_allclose(logits, now.policy, **close)
+    np.testing.assert_allclose(value, mean[0], **close)
+    step = model.step(latent.numpy(), action)
+    expected = (after.latent, reward, discount, later.policy, mean[1])
+    for ours, theirs in zip(step, expected, strict=True):
+        np.testing.assert_allclose(ours, theirs, **close)
+
+
+def test_a_missing_array_is_named(network_state):
+    state = network_state(np.random.default_rng(0))
+    for name in ('dynamics.body.0.linear.weight', 'prediction.value.bias', 'value_atoms'):
+        with pytest.raises(KeyError, match=name):
+            weights_of({key: array for key, array in state.items() if key != name}, 3)
+
+
+def test_steps_do_not_share_memory(network_state):
+    model = NumpyModel(weights_of(network_state(np.random.default_rng(0)), 3), 1.0)
+    first = model.step(np.zeros((2, 16), np.float32), np.array([0, 1]))
+    before = [array.copy() for array in first]
+    model.step(np.ones((2, 16), np.float32), np.array([5, 9]))
+    for array, copy in zip(first, before, strict=True):
+        np.testing.assert_array_equal(array, copy)
