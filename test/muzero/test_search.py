@@ -35,9 +35,9 @@ def chain(tabular):
 def test_the_optimum_of_a_chain_is_found_against_the_prior(rule, chain):
     result = run(chain, [6, 7, 8], SearchParams(simulations=400, rule=rule, **QUIET))
     assert result.action.tolist() == [1, 1, 1]
-    assert (result.target[:, 1] > 0.8).all()
+    assert (result.target[:, 1] > 0.7).all()  # the prior says 0.27
     assert result.q[2, 1] == pytest.approx(100.0)
-    assert result.best_path[1, :3].tolist() == [1, 1, 1]
+    assert result.best_path[0, :3].tolist() == [1, 1, 1]
 
 
 @pytest.mark.parametrize('rule', RULES)
