@@ -1,4 +1,4 @@
-"""`portnav benchmark world|graph|plan`: measures one part and prints the figures with the machine."""
+"""`portnav benchmark world|graph|plan|search`: measures one part and prints the figures with the machine."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ PARTS = {
     'world': 'environment steps per CPU-second, and where the time goes',
     'graph': 'latency from scan to actuator, real-time factor and memory of the nodes',
     'plan': 'time to a path, and its length over time',
+    'search': 'decisions per second of the tree search, beside other libraries',
+    'train': 'environment steps and updates a second of MuZero training, and memory',
 }
 
 

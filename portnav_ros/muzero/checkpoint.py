@@ -12,7 +12,9 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any, NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 import torch
@@ -78,9 +80,10 @@ class Checkpoints:
             arrays = read_arrays(self._folder / document['arrays'])
             self._ranges = [(int(first), int(end)) for first, end in document['replay']]
             replay.restore(document['written'], (self._read_segment(item) for item in self._ranges))
-        except (OSError, KeyError, ValueError, RuntimeError) as error:
+        except (OSError, KeyError, ValueError, RuntimeError, BadZipFile, UnpicklingError) as error:
+            reason = str(error).partition('\n')[0]
             raise TrainingError(
-                f'{self._folder}: the checkpoint is damaged ({error}); begin a new run with another --out'
+                f'{self._folder}: the checkpoint is damaged ({reason}); begin a new run with another --out'
             ) from error
         return Saved(arrays, tensors, document['counters'])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +13,7 @@ from portnav_ros.muzero.losses import TERMS, Batch, LossWeights, Unrolled, expec
 from portnav_ros.muzero.networks import Network
 from portnav_ros.muzero.replay import Sample
 from portnav_ros.params import check_range
+from portnav_ros.training.run_directory import TrainingError
 from portnav_ros.types import Array32
 
 
@@ -44,6 +46,11 @@ class LearnerParams:
         )
 
 
+def limit_threads(count: int) -> None:
+    """Let torch compute with so many threads; the result depends on their number in the last bits."""
+    torch.set_num_threads(count)
+
+
 class Learner:
     """Networks and their optimiser."""
 
@@ -67,7 +74,11 @@ class Learner:
             group['lr'] = first + min(share, 1.0) * (last - first)
 
     def update(self, sample: Sample) -> dict[str, float]:
-        """Take one step; returns the losses by term and the gradient's norm before it was clipped."""
+        """Take one step; returns the losses by term and the gradient's norm before it was clipped.
+
+        Raises:
+            TrainingError: a loss or the gradient is not finite.
+        """
         batch = to_batch(sample, self.device, absorbing=self.network.dynamics.alive is None)
         said = unroll(self.network, batch.features, batch.action)
         losses = {name: term(self.network, said, batch) for name, term in TERMS.items()}
@@ -79,6 +90,11 @@ class Learner:
         self._optimiser.step()
         self.updates += 1
         values = torch.stack([total.detach(), norm, *(loss.detach() for loss in losses.values())]).tolist()
+        if not all(map(math.isfinite, values)):
+            raise TrainingError(
+                f'update {self.updates}: the loss is not finite; '
+                'begin again with a lower learner.learning_rate'
+            )
         names = ('loss', 'gradient_norm', *(f'loss_{name}' for name in losses))
         return dict(zip(names, values, strict=True))
 

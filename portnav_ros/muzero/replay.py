@@ -86,6 +86,11 @@ class Replay:
         return min(self.written, self.rows) * self.batch
 
     @property
+    def nbytes(self) -> int:
+        """Memory of the ring in bytes, once it is full."""
+        return sum(array.nbytes for array in self._ring)
+
+    @property
     def oldest(self) -> int:
         """Number of the oldest decision held."""
         return max(self.written - self.rows, 0)

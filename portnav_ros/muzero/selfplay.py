@@ -54,7 +54,7 @@ class SelfPlay:
         self._env = env
         self._length = params.segment
         self._temperature = np.geomspace(*params.temperature, env.num_envs).astype(np.float32)
-        self._search = Search(search, env.num_envs, env.task.actions.count, latent)
+        self.search = Search(search, env.num_envs, env.task.actions.count, latent)
         words = seed.generate_state(env.num_envs + 1)
         self._rng = np.random.default_rng(words[-1])
         self._features, _ = env.reset(seed=[int(word) for word in words[:-1]])
@@ -66,7 +66,7 @@ class SelfPlay:
         segment = new_segment(self._length, env.num_envs, env.task.observation.size, env.task.actions.count)
         segment.version[:] = version
         for t in range(self._length):
-            found = self._search.run(model, self._features, self._rng, temperature=self._temperature)
+            found = self.search.run(model, self._features, self._rng, temperature=self._temperature)
             segment.features[t] = self._features
             segment.action[t], segment.value[t], segment.policy[t] = found.action, found.value, found.target
             self._features, reward, terminated, truncated, infos = env.step(found.action)

@@ -19,7 +19,7 @@ import torch
 
 from portnav_ros.muzero.checkpoint import Checkpoints, Saved
 from portnav_ros.muzero.inference import NumpyModel, weights_of
-from portnav_ros.muzero.learner import Learner, LearnerParams
+from portnav_ros.muzero.learner import Learner, LearnerParams, limit_threads
 from portnav_ros.muzero.model_file import Card, save_model
 from portnav_ros.muzero.networks import Network, NetworkParams
 from portnav_ros.muzero.replay import Replay, ReplayParams, Segment
@@ -74,7 +74,7 @@ def train(params: Params, job: Job) -> None:
         ScenarioError: a world cannot be made.
         KeyboardInterrupt: Ctrl-C, after a checkpoint was saved.
     """
-    torch.set_num_threads(job.threads)
+    limit_threads(job.threads)
     run = Run(params, job)
     try:
         run.go_on()

@@ -25,7 +25,7 @@ TESTBEDS = {  # name: the scenario of config/scenarios; walls_only is a difficul
     'crossing': 'half_crossing',
     'walls_only': '',
 }
-PORTLESS_DRAWS = 512  # variations of a test bed that is a named scenario
+PORTLESS_DRAWS = 256  # variations of a test bed that is a named scenario
 Ready = Callable[[int, int], None]
 
 

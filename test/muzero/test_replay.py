@@ -1,0 +1,103 @@
+"""The ring: what is kept, what is drawn, and what comes back from a checkpoint."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from portnav_ros.muzero.replay import Replay, ReplayParams, Segment
+from portnav_ros.muzero.targets import TargetParams
+from portnav_ros.params import ParamError
+
+BATCH, FEATURES, ACTIONS = 3, 4, 5
+TARGETS = TargetParams()
+
+
+def segment(first, count):
+    """Decisions that carry their own number: feature and reward are t + b / 10, the action t."""
+    t, b = np.meshgrid(np.arange(first, first + count), np.arange(BATCH), indexing='ij')
+    number = (t + b / 10.0).astype(np.float32)
+    return Segment(
+        features=np.repeat(number[..., None], FEATURES, -1),
+        action=(t % ACTIONS).astype(np.int16),
+        reward=number,
+        end=np.zeros_like(t, np.uint8),
+        value=-number,
+        policy=np.full((count, BATCH, ACTIONS), 0.2, np.float32),
+        final_value=np.zeros_like(number),
+        version=t.astype(np.int32),
+    )
+
+
+def filled(sizes):
+    replay = Replay(ReplayParams(capacity=100, precision='float32', warmup=0), BATCH, FEATURES, ACTIONS)
+    for count in sizes:
+        replay.append(segment(replay.written, count))
+    return replay
+
+
+def test_memory_is_flat_and_the_oldest_go():
+    replay = filled([20] * 5)
+    assert replay.rows == 33
+    assert len(replay) == 99
+    assert replay.oldest == 67
+    kept = replay.segment(replay.oldest, replay.written)
+    np.testing.assert_array_equal(kept.version[:, 0], np.arange(67, 100))
+
+
+def test_a_sequence_holds_together():
+    replay = filled([20, 20])
+    sample = replay.sample(np.random.default_rng(0), 200, 4, TARGETS)
+    first = sample.version
+    assert first.min() >= replay.oldest
+    assert first.max() <= replay.written - 5
+    np.testing.assert_array_equal(np.floor(sample.features[:, 0] + 0.01), first)
+    np.testing.assert_array_equal(sample.action, (first[:, None] + np.arange(4)) % ACTIONS)
+    np.testing.assert_allclose(
+        sample.targets.reward - sample.features[:, :1], [[0, 1, 2, 3]] * 200, atol=1e-4
+    )
+
+
+def test_every_decision_that_can_begin_a_sequence_is_drawn():
+    replay = filled([40])
+    sample = replay.sample(np.random.default_rng(0), 3000, 2, TARGETS)
+    drawn = {
+        (int(t), round(float(f[0] - t), 1)) for t, f in zip(sample.version, sample.features, strict=True)
+    }
+    assert drawn == {(t, b / 10) for t in range(replay.oldest, 38) for b in range(BATCH)}
+
+
+def test_features_of_all_positions():
+    replay = filled([20])
+    one = replay.window(np.array([1]), np.array([5]), 3, TARGETS)
+    all_of_them = replay.window(np.array([1]), np.array([5]), 3, TARGETS, all_features=True)
+    assert all_of_them.features.shape == (1, 4, FEATURES)
+    np.testing.assert_array_equal(all_of_them.features[:, 0], one.features)
+    np.testing.assert_allclose(all_of_them.features[0, :, 0], [5.1, 6.1, 7.1, 8.1], rtol=1e-6)
+
+
+@pytest.mark.parametrize('cuts', [[0, 40], [0, 7, 29, 40], [5, 30, 40]])
+def test_a_restored_ring_draws_the_same(cuts):
+    replay, copy = filled([20, 20]), filled([])
+    cuts = [max(cut, replay.oldest) for cut in cuts]
+    parts = [(a, replay.segment(a, b)) for a, b in itertools.pairwise(cuts)]
+    copy.restore(replay.written, parts)
+    samples = [ring.sample(np.random.default_rng(3), 64, 3, TARGETS) for ring in (replay, copy)]
+    np.testing.assert_array_equal(samples[0].features, samples[1].features)
+    np.testing.assert_array_equal(samples[0].targets.value, samples[1].targets.value)
+
+
+def test_a_ring_with_a_hole_at_its_end_is_refused():
+    replay, copy = filled([40]), filled([])
+    with pytest.raises(ValueError, match='instead of 40'):
+        copy.restore(40, [(7, replay.segment(7, 30))])
+
+
+def test_too_few_decisions_are_refused():
+    with pytest.raises(ValueError, match='sequence of 6'):
+        filled([5]).sample(np.random.default_rng(0), 1, 5, TARGETS)
+
+
+def test_parameters_that_never_learn_are_refused():
+    with pytest.raises(ParamError, match='warmup'):
+        ReplayParams(capacity=1000, warmup=2000)

@@ -1,0 +1,98 @@
+"""`portnav train`: presets, options over them, and what a resumed run takes from its folder."""
+
+import dataclasses
+
+import pytest
+import yaml
+
+from portnav_ros import cli, training_command
+from portnav_ros.params import ParamError, override, read_yaml
+from portnav_ros.resources import config_path
+from portnav_ros.training.run_directory import RunDirectory
+from portnav_ros.training_command import assignment
+
+torch = pytest.importorskip('torch')
+
+from portnav_ros.muzero import train  # noqa: E402
+
+
+@pytest.fixture
+def trained(monkeypatch):
+    """What the algorithm would be called with."""
+    calls = []
+    monkeypatch.setattr(train, 'train', lambda params, job: calls.append((params, job)))
+    return calls
+
+
+@pytest.mark.parametrize('preset', ['paper', 'best'])
+def test_presets_hold_known_keys(preset):
+    file = config_path('train', f'{preset}.yaml')
+    override(train.Params(), read_yaml(file), str(file))
+
+
+def test_paper_preset_is_the_papers_recipe(trained, tmp_path):
+    assert cli.main(['train', '--preset', 'paper', '--out', str(tmp_path / 'run')]) == 0
+    params = trained[0][0]
+    assert params.selfplay.environments == 25
+    assert (params.task.actions.count, params.task.actions.hold) == (27, 1)
+    assert params.search.rule == 'pozero'
+    assert params.search.act
+    assert params.search.search
+    assert params.search.learn
+    assert (params.targets.discount, params.targets.returns) == (0.997, 'n_step')
+    assert (params.network.value.count, params.network.value.spacing) == (81, 'h')
+    assert not params.network.alive
+    assert params.scenarios.difficulty == 'paper'
+
+
+def test_options_go_over_the_preset(trained, tmp_path):
+    options = ['--testbed', 'head_on', '--steps', '1000', '--seed', '7', '--set', 'search.simulations=3']
+    cli.main(['train', '--preset', 'best', *options, '--threads', '2', '--out', str(tmp_path / 'run')])
+    params, job = trained[0]
+    assert params.scenarios.testbed == 'head_on'
+    assert params.schedule.steps == 1000
+    assert params.search.simulations == 3
+    assert (job.seed, job.threads, job.resume) == (7, 2, False)
+    assert job.provenance['version']
+
+
+def test_a_resumed_run_has_the_parameters_of_its_folder(trained, tmp_path):
+    params = dataclasses.replace(train.Params(), validate_prior=False)
+    config = {'algorithm': 'muzero', 'seed': 4, 'version': '0', **dataclasses.asdict(params)}
+    RunDirectory.create(tmp_path / 'run', config).close()
+    assert cli.main(['train', '--resume', '--out', str(tmp_path / 'run')]) == 0
+    assert trained[0][0] == params
+    assert (trained[0][1].seed, trained[0][1].resume) == (4, True)
+    cli.main(['train', '--resume', '--out', str(tmp_path / 'run'), '--steps', '99'])
+    assert trained[1][0].schedule.steps == 99
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        (['--resume'], 'needs --out'),
+        (['--resume', '--out', '.', '--seed', '3'], 'leave out --seed'),
+        (['--resume', '--out', 'nowhere'], 'no run to resume'),
+        (['--set', 'search.simulatoins=3'], "did you mean 'simulations'"),
+        (['--set', 'search'], 'expected KEY=VALUE'),
+        (['--preset', 'bets'], 'bets.yaml'),
+        (['--steps', '0'], 'steps'),
+    ],
+)
+def test_mistakes_are_explained(trained, capsys, tmp_path, monkeypatch, options, message):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(['train', *options]) == 2
+    assert message in capsys.readouterr().err
+    assert not trained
+
+
+def test_assignment_reads_yaml():
+    assert assignment('network.represent_hidden=[64, 64]') == {'network': {'represent_hidden': [64, 64]}}
+    with pytest.raises(ParamError, match='YAML'):
+        assignment('a=[')
+
+
+def test_every_algorithm_has_a_preset():
+    for algorithm, preset in training_command.PRESETS.items():
+        assert algorithm in training_command.ALGORITHMS
+        assert yaml.safe_load(config_path('train', f'{preset}.yaml').read_text(encoding='utf-8'))
