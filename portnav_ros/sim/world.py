@@ -88,6 +88,16 @@ class World:
         return np.asarray(self._body.ticks * TICK_S, np.float64)
 
     @property
+    def limit_s(self) -> Array:
+        """Time limit of each episode [B] in s."""
+        return np.asarray(self._body.limit * TICK_S, np.float64)
+
+    @property
+    def memory(self) -> Array:
+        """What the autopilots remember [B, 2]."""
+        return self._body.memory
+
+    @property
     def outcome(self) -> IntArray:
         """How each episode stands [B], as types.Outcome."""
         return self._body.outcome
@@ -111,6 +121,11 @@ class World:
     def wall_counts(self) -> IntArray:
         """Number of quay edges of each environment [B]."""
         return self._chart.wall_count
+
+    @property
+    def chart(self) -> Chart:
+        """Walls, buoys and goals, as the kernels read them."""
+        return self._chart
 
     @property
     def crowd(self) -> Crowd:

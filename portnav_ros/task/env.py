@@ -30,6 +30,7 @@ from portnav_ros.sim.scenario import Scenario, ScenarioError
 from portnav_ros.sim.world import World
 from portnav_ros.task.actions import ActionParams, setpoints_of
 from portnav_ros.task.observation import ObservationParams, Observer
+from portnav_ros.task.policy import Observation
 from portnav_ros.task.reward import TERMS, RewardParams, reward_terms
 from portnav_ros.types import AnyArray, Array, Array32, BoolArray, IntArray, Outcome
 
@@ -94,6 +95,11 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
     def world(self) -> World:
         """The simulation, to look at."""
         return self._world
+
+    @property
+    def observation(self) -> Observation:
+        """What was seen last, beyond its features."""
+        return self._observer.observation(self._world.own, self._world.ranges)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None

@@ -223,6 +223,10 @@ class Observer:
                 chosen,
             )
         self._last_yaw[chosen] = own[chosen, YAW]
+        return self.observation(own, ranges)
+
+    def observation(self, own: Array, ranges: Array32) -> Observation:
+        """What the last update made of state rows [B, 7] and ranges [B, R]."""
         return Observation(ranges, own, self._path, self._count, self._progress, self._features)
 
 
