@@ -32,7 +32,7 @@ class LidarParams:
     """The ranging sensor: rays over 360 degrees, the first at -pi in the body frame."""
 
     rays: int = 180
-    range_max_m: float = 300.0
+    range_max_m: float = 400.0
     range_min_m: float = 0.5
     noise_m: float = 0.0  # standard deviation of a range
     drop_out: float = 0.0  # share of rays without a return
