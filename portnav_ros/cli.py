@@ -33,6 +33,9 @@ COMMANDS = {
         'evaluation.evaluate', 'success rate and other metrics of a planner over many episodes'
     ),
     'train': Command('training_command', 'train a policy by MuZero or PPO; can be stopped and resumed'),
+    'reproduce': Command(
+        'evaluation.reproduce', "make the paper's figure, table and pictures, and an ablation"
+    ),
     'report': Command('evaluation.report', 'write the report of a recorded bag'),
     'benchmark': Command('evaluation.benchmark', 'measure the speed of world, graph and planner'),
     'doctor': Command('doctor', 'check this installation and say how to mend it'),

@@ -99,3 +99,9 @@ def save_png(figure: Figure, path: Path, dots_per_inch: int = 150) -> None:
     """Write a PNG on white."""
     with styled():
         figure.savefig(path, dpi=dots_per_inch, facecolor='white')
+
+
+def save_svg(figure: Figure, path: Path) -> None:
+    """Write an SVG on white, the same bytes each time."""
+    with styled():
+        figure.savefig(path, format='svg', facecolor='white', metadata={'Date': None})

@@ -1,4 +1,4 @@
-"""Intervals for shares: what a success rate over N episodes is worth."""
+"""What a figure is worth: intervals of a share over episodes, spread and paired difference over seeds."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import binomtest, norm
+from scipy.stats import binomtest, norm, t
 
-from portnav_ros.types import BoolArray
+from portnav_ros.types import Array, BoolArray
 
 
 def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
@@ -64,6 +64,55 @@ def paired_difference(first: BoolArray, second: BoolArray, confidence: float = 0
         only_first,
         only_second,
     )
+
+
+class Sample(NamedTuple):
+    """Values over n seeds. standard_deviation: None for fewer than two; mean: None for none."""
+
+    n: int
+    mean: float | None
+    standard_deviation: float | None
+
+    def text(self, form: str, scale: float = 1.0) -> str:
+        """Mean and standard deviation as people read them; empty without values."""
+        if self.mean is None:
+            return ''
+        mean = f'{scale * self.mean:{form}}'
+        if self.standard_deviation is None:
+            return mean
+        return f'{mean} ± {scale * self.standard_deviation:{form}}'
+
+
+def sample(values: Array) -> Sample:
+    """Describe values [n]."""
+    n = len(values)
+    deviation = float(np.std(values, ddof=1)) if n > 1 else None
+    return Sample(n, float(np.mean(values)) if n else None, deviation)
+
+
+class SeedDifference(NamedTuple):
+    """Mean difference over n pairs of seeds; low, high: its 95 % interval, None for fewer than two."""
+
+    n: int
+    mean: float | None
+    low: float | None
+    high: float | None
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the interval leaves 0 out; pairs that all differ alike tell nothing of their spread."""
+        if self.low is None or self.high is None or math.isclose(self.low, self.high, abs_tol=1e-9):
+            return False
+        return self.low > 0.0 or self.high < 0.0
+
+
+def seed_difference(first: Array, second: Array, confidence: float = 0.95) -> SeedDifference:
+    """Compare two columns [n] of figures of runs with the same seeds, by Student's paired interval."""
+    n, mean, deviation = sample(first - second)
+    if mean is None or deviation is None:
+        return SeedDifference(n, mean, None, None)
+    half = float(t.ppf(0.5 + 0.5 * confidence, n - 1)) * deviation / math.sqrt(n)
+    return SeedDifference(n, mean, mean - half, mean + half)
 
 
 def _z(confidence: float) -> float:

@@ -1,0 +1,96 @@
+"""`portnav reproduce pictures`: three named scenarios sailed by a planner, drawn with what the sensor saw."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from portnav_ros.evaluation import plots
+from portnav_ros.evaluation.episode_log import EpisodeLog, ScanLog
+from portnav_ros.evaluation.episodes import sail
+from portnav_ros.evaluation.metrics.table import measure
+from portnav_ros.evaluation.planners import ALGORITHMS, PLANNERS, EvaluationError, ModelOptions, identify
+from portnav_ros.evaluation.plots_scan import encounter_figure
+from portnav_ros.evaluation.provenance import provenance
+from portnav_ros.evaluation.report import headline
+from portnav_ros.evaluation.summary import write_json
+from portnav_ros.evaluation.trial import Trial, split_seeds
+from portnav_ros.sim.scenario import Scenario
+from portnav_ros.sim.world import World
+
+
+class Subject(NamedTuple):
+    """A picture: the scenario, and which column of the clearances tells the encounter."""
+
+    scenario: str
+    title: str
+    column: int
+
+
+SUBJECTS = {
+    'free_path': Subject('no_traffic', 'A free path', 0),
+    'evading_vessels': Subject('head_on', 'Evading another vessel', 2),
+    'evading_a_buoy': Subject('buoy', 'Evading buoys that are not on the chart', 1),
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument('--planner', default='muzero', choices=PLANNERS, help='default: %(default)s')
+    parser.add_argument('--model', type=Path, metavar='FILE', help='of a learned planner: its weights')
+    parser.add_argument('--simulations', type=int, metavar='N', help="in place of the model's own number")
+    parser.add_argument(
+        '--allow-mismatch', action='store_true', help='sail another vessel than the model was trained for'
+    )
+    parser.add_argument('--seed', type=int, default=0, metavar='S', help='within the split test')
+    parser.add_argument(
+        '--out', type=Path, default=Path('portnav_out/pictures'), metavar='DIR', help='default: %(default)s'
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write a PNG and an SVG for each subject, and pictures.json with how they ended.
+
+    Raises:
+        EvaluationError: options do not fit.
+        ModelError: a learned planner has no model, or it does not fit.
+    """
+    options = ModelOptions(arguments.model, arguments.simulations, arguments.allow_mismatch)
+    if options != ModelOptions() and arguments.planner not in ALGORITHMS:
+        raise EvaluationError(f'--model, --simulations and --allow-mismatch are not for {arguments.planner}')
+    model = identify(arguments.planner, options)
+    seed = split_seeds('test', arguments.seed, 1)[0]
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    episodes: dict[str, Any] = {}
+    for name, subject in SUBJECTS.items():
+        log = sail_subject(Trial(arguments.planner, 'paper', scenario=subject.scenario, model=options), seed)
+        figure = encounter_figure(log, subject.title, subject.column)
+        plots.save_png(figure, arguments.out / f'{name}.png')
+        plots.save_svg(figure, arguments.out / f'{name}.svg')
+        episodes[name] = {'scenario': subject.scenario, 'outcome': log.outcome.name.lower(), **measure(log)}
+        print(f'{arguments.out / name}.png: {headline(log)}')
+    numbers = {'planner': arguments.planner, 'model': model, 'seed': seed, 'episodes': episodes}
+    write_json(arguments.out / 'pictures.json', {**numbers, **provenance()})
+    return 0
+
+
+def sail_subject(trial: Trial, seed: int) -> EpisodeLog:
+    """The log of one episode, with its scans."""
+    scenario = trial.make_scenario(seed)
+    log = next(sail(trial.make_planner, [scenario], batch=1))
+    return replace(log, planner=trial.planner, scans=scans_of(scenario, log))
+
+
+def scans_of(scenario: Scenario, log: EpisodeLog) -> ScanLog:
+    """What the sensor saw at each row of a log, by sailing its setpoints once more."""
+    world = World([scenario])
+    ranges = [world.ranges[0].copy()]
+    for setpoint in log.setpoint[:-1]:
+        world.step(setpoint[None])
+        ranges.append(world.ranges[0].copy())
+    spacing_rad = 2.0 * np.pi / world.lidar.rays
+    return ScanLog(log.time_s, np.array(ranges, np.float32), -np.pi, spacing_rad)
