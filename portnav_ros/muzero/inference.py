@@ -18,6 +18,8 @@ from portnav_ros.types import AnyArray, Array32
 
 EPSILON = np.float32(1e-5)  # of torch's LayerNorm
 ZERO, ONE = np.float32(0.0), np.float32(1.0)
+SCAN_KERNEL = 5  # sectors that a convolution sees
+SCAN_STRIDE = 3  # of every convolution but the first
 
 
 class Model(Protocol):
@@ -46,6 +48,23 @@ class Head(NamedTuple):
 
     weight: Array32  # [inputs, outputs]
     bias: Array32  # [outputs]
+
+
+class Scan(NamedTuple):
+    """Convolutions around the sectors of scans, each [5 * channels in, channels out], kernel outermost."""
+
+    layers: tuple[Head, ...]
+    ages: int
+    sectors: int
+
+    @property
+    def stride(self) -> int:
+        """Sectors to a place after the convolutions."""
+        return int(SCAN_STRIDE ** max(len(self.layers) - 1, 0))
+
+    def outputs(self, features: int) -> int:
+        """Number of values made of as many features."""
+        return (self.sectors // self.stride) * len(self.layers[-1].bias) + features - self.ages * self.sectors
 
 
 class Weights(NamedTuple):
@@ -78,9 +97,10 @@ class Buffers(NamedTuple):
 class NumpyModel:
     """A `Model` of trained weights."""
 
-    def __init__(self, weights: Weights, discount: float) -> None:
-        """Take weights, and the discount of one decision."""
+    def __init__(self, weights: Weights, discount: float, scan: Scan | None = None) -> None:
+        """Take weights, the discount of one decision, and convolutions if there are any."""
         self.weights = weights
+        self.scan = scan
         self.discount = np.float32(discount)
         self.actions = weights.dynamics[0].bias.shape[0]
         self.latent = weights.dynamics_norm.shape[1]
@@ -89,6 +109,8 @@ class NumpyModel:
     def represent(self, observation: Array32) -> Array32:
         """Latent [B, L] of observations [B, F]."""
         values = np.ascontiguousarray(observation, np.float32)
+        if self.scan is not None:
+            values = run_scan(self.scan, values)
         none = np.zeros(len(values), np.int32)
         for layer in self.weights.represent:
             hidden = np.empty((len(values), layer.weight.shape[1]), np.float32)
@@ -119,6 +141,11 @@ class NumpyModel:
         if len(self.buffers.none) != batch:
             self.buffers = _new_buffers(self.weights, batch)
         return self.buffers
+
+
+def numpy_model(state: Mapping[str, AnyArray], speeds: int, discount: float) -> NumpyModel:
+    """Make a model of a state dict of `networks.Network`; see `weights_of`."""
+    return NumpyModel(weights_of(state, speeds), discount, scan_of(state))
 
 
 def weights_of(state: Mapping[str, AnyArray], speeds: int) -> Weights:
@@ -154,6 +181,32 @@ def weights_of(state: Mapping[str, AnyArray], speeds: int) -> Weights:
         reward_atoms=_float(state['reward_atoms']),
         value_atoms=_float(state['value_atoms']),
     )
+
+
+def scan_of(state: Mapping[str, AnyArray]) -> Scan | None:
+    """The convolutions of a state dict of `networks.Network`, or None."""
+    if 'representation.scan.shape' not in state:
+        return None
+    ages, sectors = (int(size) for size in state['representation.scan.shape'])
+    layers: list[Head] = []
+    while f'representation.scan.layers.{len(layers)}.weight' in state:
+        name = f'representation.scan.layers.{len(layers)}'
+        weight = np.moveaxis(state[f'{name}.weight'], (2, 1, 0), (0, 1, 2))
+        layers.append(Head(_float(weight.reshape(-1, weight.shape[2])), _float(state[f'{name}.bias'])))
+    return Scan(tuple(layers), ages, sectors)
+
+
+def run_scan(scan: Scan, features: Array32) -> Array32:
+    """What the convolutions make of the scans that features [B, F] begin with, and the rest of them."""
+    count, size = len(features), scan.ages * scan.sectors
+    values = features[:, :size].reshape(count, scan.ages, scan.sectors).transpose(0, 2, 1)
+    for k, layer in enumerate(scan.layers):
+        sectors = values.shape[1]
+        places = np.arange(0, sectors, SCAN_STRIDE if k else 1)
+        around = (places[:, None] + np.arange(SCAN_KERNEL) - SCAN_KERNEL // 2) % sectors
+        seen = values[:, around].reshape(count * len(places), -1)
+        values = np.maximum(seen @ layer.weight + layer.bias, 0.0).reshape(count, len(places), -1)
+    return np.hstack([values.transpose(0, 2, 1).reshape(count, -1), features[:, size:]])
 
 
 def _float(values: AnyArray) -> Array32:
@@ -231,7 +284,8 @@ def run_predict(weights: Weights, buffers: Buffers, step: Step) -> None:
     for b in range(len(out)):
         for i in range(out.shape[1]):
             out[b, i] += weights.predict_out.bias[i]
-        step.logits[b] = out[b, :actions]
+        for i in range(actions):
+            step.logits[b, i] = out[b, i]
         step.value[b] = expectation(out[b], actions, weights.value_atoms)
 
 

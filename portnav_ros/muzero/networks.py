@@ -1,12 +1,14 @@
 """MuZero's three networks in torch: representation h, dynamics g, prediction f.
 
-Plain MLPs with LayerNorm, because a vessel decides one observation at a time. `muzero.inference`
-runs the same weights in numpy, and this module is its oracle.
+Plain MLPs with LayerNorm, because a vessel decides one observation at a time; the representation may
+begin with convolutions around the sectors of its scans, so that it need not learn a buoy anew for every
+bearing. `muzero.inference` runs the same weights in numpy, and this module is its oracle.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import NamedTuple
 
 import torch
@@ -14,6 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from portnav_ros.muzero.atoms import AtomParams
+from portnav_ros.muzero.inference import SCAN_KERNEL, SCAN_STRIDE
 from portnav_ros.params import ParamError, check_range
 
 
@@ -21,8 +24,10 @@ from portnav_ros.params import ParamError, check_range
 class NetworkParams:
     """Sizes of the networks, and the atoms of their categorical heads.
 
-    alive: whether the dynamics tells with what probability the episode goes on; without it an end is
-    worth what the value head says of absorbing states.
+    scan_channels: of the convolutions, none by default. scan_shape: ages and sectors of the scans that
+    the features begin with, read only where there are convolutions. alive: whether the dynamics tells
+    with what probability the episode goes on; without it an end is worth what the value head says of
+    absorbing states.
     """
 
     latent: int = 32
@@ -32,6 +37,8 @@ class NetworkParams:
     value: AtomParams = field(default_factory=AtomParams)
     reward: AtomParams = field(default_factory=AtomParams)
     alive: bool = False
+    scan_channels: tuple[int, ...] = ()
+    scan_shape: tuple[int, int] = (4, 90)
 
     def __post_init__(self) -> None:
         """Refuse empty layers."""
@@ -41,6 +48,17 @@ class NetworkParams:
                 raise ParamError(
                     f'{name} = {getattr(self, name)} needs at least one layer of at least one unit'
                 )
+        if any(channels < 1 for channels in self.scan_channels) or min(self.scan_shape) < 1:
+            raise ParamError(f'scan_channels = {self.scan_channels}, scan_shape = {self.scan_shape}: below 1')
+        if self.scan_channels and self.scan_shape[1] % self.scan_stride:
+            raise ParamError(
+                f'scan_shape = {self.scan_shape}: sectors must be a multiple of {self.scan_stride}'
+            )
+
+    @property
+    def scan_stride(self) -> int:
+        """Sectors to a place after the convolutions."""
+        return int(SCAN_STRIDE ** max(len(self.scan_channels) - 1, 0))
 
 
 class Prediction(NamedTuple):
@@ -104,14 +122,53 @@ class Representation(nn.Module):
 
     def __init__(self, observation: int, params: NetworkParams) -> None:
         super().__init__()
-        self.body = body(observation, params.represent_hidden)
+        self.scan = Scan(params) if params.scan_channels else None
+        inputs = observation if self.scan is None else self.scan.outputs(observation)
+        self.body = body(inputs, params.represent_hidden)
         self.out = nn.Linear(params.represent_hidden[-1], params.latent)
         self.norm = nn.LayerNorm(params.latent)
 
     def forward(self, observation: Tensor) -> Tensor:
         """Return latents [B, L]."""
-        normed: Tensor = self.norm(self.out(self.body(observation)))
+        values = observation if self.scan is None else self.scan(observation)
+        normed: Tensor = self.norm(self.out(self.body(values)))
         return normed
+
+
+class Scan(nn.Module):
+    """Convolutions around the sectors with which the features begin; the rest passes by."""
+
+    shape: Tensor
+
+    def __init__(self, params: NetworkParams) -> None:
+        super().__init__()
+        channels = (params.scan_shape[0], *params.scan_channels)
+        self.layers = nn.ModuleList(
+            nn.Conv1d(
+                inputs,
+                outputs,
+                SCAN_KERNEL,
+                stride=SCAN_STRIDE if k else 1,
+                padding=SCAN_KERNEL // 2,
+                padding_mode='circular',
+            )
+            for k, (inputs, outputs) in enumerate(pairwise(channels))
+        )
+        self.ages, self.sectors = params.scan_shape
+        self.grown = channels[-1] * self.sectors // params.scan_stride
+        self.register_buffer('shape', torch.tensor(params.scan_shape))
+
+    def outputs(self, observation: int) -> int:
+        """Number of values made of as many features."""
+        return self.grown + observation - self.ages * self.sectors
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Map features [B, F] to [B, outputs]."""
+        size = self.ages * self.sectors
+        values = observation[:, :size].view(-1, self.ages, self.sectors)
+        for layer in self.layers:
+            values = functional.relu(layer(values))
+        return torch.cat([values.flatten(1), observation[:, size:]], 1)
 
 
 class Dynamics(nn.Module):

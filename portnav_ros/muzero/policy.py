@@ -6,6 +6,7 @@ decision depends on how many are made together.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -13,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from portnav_ros.muzero import ModelError
-from portnav_ros.muzero.inference import NumpyModel, Weights, weights_of
+from portnav_ros.muzero.inference import SCAN_KERNEL, NumpyModel, Scan, Weights, scan_of, weights_of
 from portnav_ros.muzero.model_file import Card, Model, check_sensor, check_vessel, load_model
 from portnav_ros.muzero.rollout import predicted_track
 from portnav_ros.muzero.search import Search, SearchParams
@@ -21,7 +22,7 @@ from portnav_ros.params import ParamError, override
 from portnav_ros.sim.scenario import LidarParams
 from portnav_ros.task.agent import AgentPolicy
 from portnav_ros.task.policy import Observation
-from portnav_ros.types import Array, Array32, BoolArray, IntArray
+from portnav_ros.types import AnyArray, Array, Array32, BoolArray, IntArray
 from portnav_ros.vessel import VesselParams
 
 
@@ -81,7 +82,7 @@ class MuZeroPolicy:
         self.model = model
         self.misfit = misfit
         self.decision: Decision | None = None
-        self._networks = NumpyModel(_weights(model), card.discount)
+        self._networks = NumpyModel(_weights(model), card.discount, scan_of(model.tensors))
         self._search = _search(model, self._networks, simulations)
         self._agent = AgentPolicy(card.task.observation, card.task.actions, lidar, self._decide)
         self._random = np.random.default_rng(0)
@@ -154,16 +155,20 @@ def _weights(model: Model) -> Weights:
         raise ModelError(f'{model.path}: no tensor {error}; save the model again') from error
     except (ValueError, IndexError) as error:
         raise ModelError(f'{model.path}: the tensors do not fit each other ({error})') from error
-    _check_widths(model.path, model.card, weights)
+    _check_widths(model.path, model.card, weights, model.tensors)
     return weights
 
 
-def _check_widths(path: Path, card: Card, weights: Weights) -> None:
+def _check_widths(path: Path, card: Card, weights: Weights, tensors: Mapping[str, AnyArray]) -> None:
     latent, actions = weights.dynamics_norm.shape[1], card.task.actions.count
+    scan, features = scan_of(tensors), card.task.observation.size
+    if scan is not None:
+        _check_scan(path, scan, features)
+        features = scan.outputs(features)
     reward, value = len(weights.reward_atoms), len(weights.value_atoms)
     alive = int(weights.dynamics_out.weight.shape[1] == latent + reward + 1)
     for part, inputs, layers, out, outputs in (
-        ('representation', card.task.observation.size, weights.represent, weights.represent_out, latent),
+        ('representation', features, weights.represent, weights.represent_out, latent),
         ('dynamics', latent, weights.dynamics, weights.dynamics_out, latent + reward + alive),
         ('prediction', latent, weights.predict, weights.predict_out, actions + value),
     ):
@@ -175,3 +180,16 @@ def _check_widths(path: Path, card: Card, weights: Weights) -> None:
             raise ModelError(f'{path}: {part}: layers of widths {found}, expected {expected} from its card')
     if len(weights.dynamics[0].bias) != actions or weights.represent_norm.shape[1] != latent:
         raise ModelError(f'{path}: dynamics: made for other actions than the {actions} of its card')
+
+
+def _check_scan(path: Path, scan: Scan, features: int) -> None:
+    inputs = scan.ages
+    for k, layer in enumerate(scan.layers):
+        expected = SCAN_KERNEL * inputs, len(layer.bias)
+        if layer.weight.shape != expected:
+            raise ModelError(f'{path}: scan.layers.{k}: shape {layer.weight.shape}, expected {expected}')
+        inputs = len(layer.bias)
+    if scan.sectors % scan.stride or scan.ages * scan.sectors > features:
+        raise ModelError(
+            f'{path}: scan: {scan.ages} scans of {scan.sectors} sectors do not fit {features} features'
+        )

@@ -44,7 +44,7 @@ class Course(NamedTuple):
     """Paths [B, W, 2] m, points in use [B], progress [B] and the spacing of points in m."""
 
     path: Array
-    count: IntArray
+    length: IntArray
     progress: Array
     spacing_m: float
 
@@ -142,7 +142,7 @@ def value_actions(
             poses[b], hulls[b], round(time_s[b]), own[b], walls[:near], bounds.reach_m, seen, sizes
         )
         scene = Scene(walls[:near], buoys[:buoyed], chart.goal[b], sizes[:met], seen[:, :met])
-        path = course.path[b, : course.count[b]]
+        path = course.path[b, : course.length[b]]
         for k in range(action.shape[1]):
             cost = _cost_of(
                 bounds, model, gains, own[b], memory[b], path, course.progress[b], course.spacing_m, scene,

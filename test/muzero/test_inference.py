@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from portnav_ros.muzero.exponential import exp_negative
-from portnav_ros.muzero.inference import NumpyModel, expectation, weights_of
+from portnav_ros.muzero.inference import NumpyModel, expectation, numpy_model, weights_of
 
 
 def test_exponential():
@@ -71,3 +71,30 @@ def test_steps_do_not_share_memory(network_state):
     model.step(np.ones((2, 16), np.float32), np.array([5, 9]))
     for array, copy in zip(first, before, strict=True):
         np.testing.assert_array_equal(array, copy)
+
+
+def test_convolutions_are_those_of_torch():
+    torch = pytest.importorskip('torch')
+    from portnav_ros.muzero.networks import Network, NetworkParams
+
+    torch.manual_seed(0)
+    params = NetworkParams(latent=8, scan_channels=(6, 10), scan_shape=(2, 24))
+    oracle = Network(2 * 24 + 5, 9, 3, params)
+    state = {name: tensor.numpy() for name, tensor in oracle.state_dict().items()}
+    observation = np.random.default_rng(0).standard_normal((3, 53)).astype(np.float32)
+    model = numpy_model(state, 3, 0.9)
+    with torch.no_grad():
+        expected = oracle.represent(torch.from_numpy(observation))
+    np.testing.assert_allclose(model.represent(observation), expected, rtol=1e-4, atol=1e-5)
+
+
+def test_a_turn_of_the_scan_turns_what_the_convolutions_say():
+    torch = pytest.importorskip('torch')
+    from portnav_ros.muzero.networks import NetworkParams, Scan
+
+    torch.manual_seed(1)
+    scan = Scan(NetworkParams(scan_channels=(4, 7), scan_shape=(2, 24)))
+    seen = torch.randn(1, 2, 24)
+    turned = torch.roll(seen, 3, dims=2)
+    said, after = (scan(values.reshape(1, -1)).detach().view(7, 8) for values in (seen, turned))
+    torch.testing.assert_close(torch.roll(said, 1, dims=1), after)
