@@ -14,7 +14,7 @@ import numpy as np
 from tqdm import tqdm
 
 from portnav_ros.muzero.learner import limit_threads
-from portnav_ros.muzero.train import Loop, Params
+from portnav_ros.muzero.loop import Loop, Params
 from portnav_ros.params import override, read_yaml
 from portnav_ros.resources import config_path
 from portnav_ros.task.env import PortVectorEnv

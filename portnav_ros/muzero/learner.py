@@ -109,7 +109,7 @@ class Learner:
     def arrays(self) -> dict[str, Array32]:
         """The weights as numpy arrays, for inference and for a model file."""
         state = self.network.state_dict()
-        return {name: tensor.detach().cpu().numpy().copy() for name, tensor in state.items()}
+        return {name: tensor.detach().float().cpu().numpy().copy() for name, tensor in state.items()}
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, optimiser and count of updates, for a checkpoint."""

@@ -15,12 +15,13 @@ torch = pytest.importorskip('torch')
 from portnav_ros.muzero.atoms import AtomParams  # noqa: E402
 from portnav_ros.muzero.checkpoint import STATE, read_arrays  # noqa: E402
 from portnav_ros.muzero.learner import LearnerParams  # noqa: E402
+from portnav_ros.muzero.loop import Loop, Params  # noqa: E402
 from portnav_ros.muzero.model_file import load_model  # noqa: E402
 from portnav_ros.muzero.networks import NetworkParams  # noqa: E402
 from portnav_ros.muzero.replay import ReplayParams  # noqa: E402
 from portnav_ros.muzero.search import SearchParams  # noqa: E402
 from portnav_ros.muzero.selfplay import SelfPlayParams  # noqa: E402
-from portnav_ros.muzero.train import Loop, Params, train  # noqa: E402
+from portnav_ros.muzero.train import train  # noqa: E402
 from portnav_ros.task.actions import ActionParams  # noqa: E402
 from portnav_ros.task.env import TaskParams  # noqa: E402
 from portnav_ros.training.job import Job  # noqa: E402
