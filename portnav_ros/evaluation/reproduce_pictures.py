@@ -19,8 +19,10 @@ from portnav_ros.evaluation.provenance import provenance
 from portnav_ros.evaluation.report import headline
 from portnav_ros.evaluation.summary import write_json
 from portnav_ros.evaluation.trial import Trial, split_seeds
+from portnav_ros.sim.difficulty import load_vessel
 from portnav_ros.sim.scenario import Scenario
 from portnav_ros.sim.world import World
+from portnav_ros.vessel import VesselParams
 
 
 class Subject(NamedTuple):
@@ -31,11 +33,13 @@ class Subject(NamedTuple):
     column: int
 
 
-SUBJECTS = {
-    'free_path': Subject('no_traffic', 'A free path', 0),
-    'evading_vessels': Subject('head_on', 'Evading another vessel', 2),
-    'evading_a_buoy': Subject('buoy', 'Evading buoys that are not on the chart', 1),
-}
+def _subjects(encounter: str) -> dict[str, Subject]:
+    """The paper's three, by file name; encounter: the scenario with other vessels."""
+    return {
+        'free_path': Subject('no_traffic', 'A free path', 0),
+        'evading_vessels': Subject(encounter, 'Evading another vessel', 2),
+        'evading_a_buoy': Subject('buoy', 'Evading buoys that are not on the chart', 1),
+    }
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,6 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--simulations', type=int, metavar='N', help="in place of the model's own number")
     parser.add_argument(
         '--allow-mismatch', action='store_true', help='sail another vessel than the model was trained for'
+    )
+    parser.add_argument('--vessel', metavar='NAME', help="preset or file, in place of the scenarios' own")
+    parser.add_argument(
+        '--encounter', default='head_on', metavar='NAME', help='scenario with vessels (default: %(default)s)'
     )
     parser.add_argument('--seed', type=int, default=0, metavar='S', help='within the split test')
     parser.add_argument(
@@ -66,21 +74,26 @@ def run(arguments: argparse.Namespace) -> int:
     seed = split_seeds('test', arguments.seed, 1)[0]
     arguments.out.mkdir(parents=True, exist_ok=True)
     episodes: dict[str, Any] = {}
-    for name, subject in SUBJECTS.items():
-        log = sail_subject(Trial(arguments.planner, 'paper', scenario=subject.scenario, model=options), seed)
+    vessel = None if arguments.vessel is None else load_vessel(arguments.vessel)
+    for name, subject in _subjects(arguments.encounter).items():
+        trial = Trial(arguments.planner, 'paper', scenario=subject.scenario, model=options)
+        log = sail_subject(trial, seed, vessel)
         figure = encounter_figure(log, subject.title, subject.column)
         plots.save_png(figure, arguments.out / f'{name}.png')
         plots.save_svg(figure, arguments.out / f'{name}.svg')
-        episodes[name] = {'scenario': subject.scenario, 'outcome': log.outcome.name.lower(), **measure(log)}
+        endings = {'vessel': log.vessel.name, 'outcome': log.outcome.name.lower()}
+        episodes[name] = {'scenario': subject.scenario, **endings, **measure(log)}
         print(f'{arguments.out / name}.png: {headline(log)}')
     numbers = {'planner': arguments.planner, 'model': model, 'seed': seed, 'episodes': episodes}
     write_json(arguments.out / 'pictures.json', {**numbers, **provenance()})
     return 0
 
 
-def sail_subject(trial: Trial, seed: int) -> EpisodeLog:
-    """The log of one episode, with its scans."""
+def sail_subject(trial: Trial, seed: int, vessel: VesselParams | None = None) -> EpisodeLog:
+    """The log of one episode, with its scans; vessel: who sails, the scenario's own where None."""
     scenario = trial.make_scenario(seed)
+    if vessel is not None:
+        scenario = replace(scenario, vessel=vessel)
     log = next(sail(trial.make_planner, [scenario], batch=1))
     return replace(log, planner=trial.planner, scans=scans_of(scenario, log))
 

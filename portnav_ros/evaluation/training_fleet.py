@@ -130,5 +130,6 @@ def _start(run: Run, crew: Crew) -> subprocess.Popen[bytes]:
 
 def _end_with_parent() -> None:
     """Have a run save and end if this process is killed: two must never write to one folder."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # a command in a shell's background is born deaf to it
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)

@@ -10,9 +10,10 @@ import yaml
 from portnav_ros.evaluation import reproduce, reproduce_figure, reproduce_runs
 from portnav_ros.evaluation.learning_curves import FIELDS, Curve
 from portnav_ros.evaluation.planners import EvaluationError
-from portnav_ros.evaluation.reproduce_ablation import compare, read_cells, score_of
+from portnav_ros.evaluation.reproduce_ablation import ablation_runs, compare, read_cells, score_of
 from portnav_ros.evaluation.reproduce_pictures import sail_subject
 from portnav_ros.evaluation.reproduce_table import reward_at, table_rows
+from portnav_ros.evaluation.training_runs import read_preset
 from portnav_ros.evaluation.trial import Trial
 from portnav_ros.resources import config_path
 from portnav_ros.training.run_directory import plain
@@ -60,14 +61,16 @@ def leave(run, curve_, validation=None):
 
 
 def test_both_algorithms_sail_the_same_task(tmp_path):
-    runs = runs_of('--preset', 'best', '--difficulty', 'easy', '--steps', 1000, '--out', tmp_path)
-    assert [run.name for run in runs[:2]] == ['muzero-best-easy-0', 'ppo-best-easy-0']
+    preset = tmp_path / 'mine.yaml'
+    preset.write_text('{task: {actions: {hold: 4}}, scenarios: {ports: 7}, learner: {unroll: 3}}')
+    runs = runs_of('--preset', preset, '--difficulty', 'easy', '--steps', 1000, '--out', tmp_path)
+    assert [run.name for run in runs[:2]] == ['muzero-mine-easy-0', 'ppo-mine-easy-0']
     assert [run.seed for run in runs] == [0, 0, 1, 1, 2, 2]
     muzero, ppo = runs[0].values, runs[1].values
-    assert muzero['task'] == ppo['task']
-    assert muzero['task']['actions']['hold'] == 4
-    assert ppo['learner']['rollout'] == 32
-    assert muzero['scenarios'] == ppo['scenarios'] == {'difficulty': 'easy', 'testbed': ''}
+    assert muzero['task'] == ppo['task'] == {'actions': {'hold': 4}}
+    assert muzero['scenarios'] == ppo['scenarios'] == {'ports': 7, 'difficulty': 'easy', 'testbed': ''}
+    assert 'rollout' in ppo['learner']
+    assert 'unroll' not in ppo['learner']
     assert {run.steps for run in runs} == {1000}
 
 
@@ -184,9 +187,6 @@ def test_the_ablation_says_what_is_not_resolved(tmp_path, capsys):
 
 
 def ablation_run(out, name, seed, cells):
-    from portnav_ros.evaluation.reproduce_ablation import ablation_runs
-    from portnav_ros.evaluation.training_runs import read_preset
-
     arguments = argparse.Namespace(out=out, steps=100, seeds=3, difficulty=None, testbed=None)
     return ablation_runs(cells, read_preset('best'), arguments)[name][seed]
 
@@ -238,7 +238,8 @@ def test_scans_of_an_episode_are_those_that_were_seen():
 
 
 def test_pictures(tmp_path, capsys):
-    assert command('pictures', '--planner', 'line_of_sight', '--out', tmp_path) == 0
+    options = ('--planner', 'line_of_sight', '--vessel', 'cemt_va', '--encounter', 'slow_head_on')
+    assert command('pictures', *options, '--out', tmp_path) == 0
     said = capsys.readouterr().out
     numbers = json.loads((tmp_path / 'pictures.json').read_text())
     for name in ('free_path', 'evading_vessels', 'evading_a_buoy'):
@@ -246,4 +247,6 @@ def test_pictures(tmp_path, capsys):
         assert (tmp_path / f'{name}.svg').exists()
         assert f'{name}.png: The line_of_sight planner' in said
     assert numbers['episodes']['free_path']['outcome'] == 'success'
+    assert numbers['episodes']['free_path']['vessel'] == 'cemt_va'
+    assert numbers['episodes']['evading_vessels']['outcome'] == 'collision_vessel'
     assert numbers['seed'] == 2_000_000

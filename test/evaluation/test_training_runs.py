@@ -1,6 +1,10 @@
 """What a run was begun with, how far it has got, and several at a time."""
 
 import json
+import os
+import select
+import signal
+import subprocess
 import sys
 
 import pytest
@@ -20,11 +24,23 @@ while [ "$1" != --out ]; do shift; done
 mkdir -p "$2" && cd "$2" && touch config.yaml
 case $PWD in
 *broken*) echo no memory left; exit 3;;
-*endless*) trap 'echo saved > saved; exit 130' INT; kill -INT $PPID; while :; do sleep 0.02; done;;
+*interrupted*) trap 'echo saved > saved; exit 130' INT; kill -INT $PPID;;
+*orphaned*) trap 'echo saved > ../fifo; exit 130' INT; kill -KILL $PPID;;
 esac
+case $PWD in *ed) for k in $(seq 500); do sleep 0.02; done;; esac
 echo '{"steps": 100}' > metrics.jsonl
 echo '{"steps": 100, "validation": {}}' >> metrics.jsonl
 echo run >> ../order
+"""
+
+
+ORPHANED = """
+import sys
+from pathlib import Path
+from portnav_ros.evaluation.training_fleet import Crew, train_all
+from portnav_ros.evaluation.training_runs import Run
+sys.executable = sys.argv[1]
+train_all([Run(Path(sys.argv[2]), 'orphaned', 'muzero', 0, {'schedule': {'steps': 100}})], Crew())
 """
 
 
@@ -35,6 +51,9 @@ def trainer(tmp_path, monkeypatch):
     script.chmod(0o755)
     monkeypatch.setattr(sys, 'executable', str(script))
     monkeypatch.setattr(training_fleet, 'POLL_S', 0.02)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield str(script)
+    signal.signal(signal.SIGINT, before)
 
 
 def make_run(root, name='muzero-0', values=VALUES):
@@ -141,11 +160,22 @@ def test_a_run_that_fails_does_not_stop_the_others(tmp_path, trainer, capsys):
 
 
 def test_ctrl_c_lets_every_run_save(tmp_path, trainer):
-    run = make_run(tmp_path, 'endless')
+    run = make_run(tmp_path, 'interrupted')
     with pytest.raises(KeyboardInterrupt):
         train_all([run], Crew())
     assert (run.directory.path / 'saved').read_text() == 'saved\n'
     assert run.command()[0] == '--resume'
+
+
+def test_a_run_whose_command_is_killed_saves(tmp_path, trainer, monkeypatch):
+    monkeypatch.undo()
+    os.mkfifo(tmp_path / 'fifo')
+    fifo = os.open(tmp_path / 'fifo', os.O_RDWR)
+    ended = subprocess.run([sys.executable, '-c', ORPHANED, trainer, str(tmp_path)], capture_output=True)
+    assert ended.returncode == -signal.SIGKILL, ended.stderr
+    assert select.select([fifo], [], [], 20.0)[0]
+    assert os.read(fifo, 100) == b'saved\n'
+    os.close(fifo)
 
 
 def test_no_run_at_a_time_is_refused(tmp_path):
