@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from portnav_ros.muzero import ModelError
-from portnav_ros.muzero.inference import SCAN_KERNEL, NumpyModel, Scan, Weights, scan_of, weights_of
+from portnav_ros.muzero.inference import SCAN_KERNEL, NumpyModel, Scan, scan_of, weights_of
+from portnav_ros.muzero.layers import Weights
 from portnav_ros.muzero.model_file import Card, Model, check_sensor, check_vessel, load_model
 from portnav_ros.muzero.rollout import predicted_track
 from portnav_ros.muzero.search import Search, SearchParams

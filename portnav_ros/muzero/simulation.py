@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from portnav_ros.muzero.inference import Buffers, Weights, run_step
+from portnav_ros.muzero.layers import Buffers, Weights, run_step
 from portnav_ros.muzero.rules import (
     GUMBEL,
     POZERO,
@@ -78,7 +78,8 @@ def descend(tree: Tree, root: Root, rule: Rule, simulation: int, leaves: Leaves)
             action = np.argmax(scores[: rule.actions])
         leaves.parent[b] = node
         leaves.action[b] = action
-        leaves.latent[b] = tree.latent[b, node]
+        for i in range(tree.latent.shape[2]):
+            leaves.latent[b, i] = tree.latent[b, node, i]
 
 
 @njit(cache=True, error_model='numpy')

@@ -124,13 +124,15 @@ def grow(tree: Tree, node: int, leaves: Leaves, step: Step) -> None:
 
 @njit(cache=True, error_model='numpy')
 def _open_node(tree: Tree, b: int, node: int, value: float, latent: Array32) -> None:
-    tree.q[b, node] = np.float32(0.0)
-    tree.visits[b, node] = np.int32(0)
-    tree.child[b, node] = np.int32(NO_CHILD)
+    for a in range(tree.q.shape[2]):
+        tree.q[b, node, a] = np.float32(0.0)
+        tree.visits[b, node, a] = np.int32(0)
+        tree.child[b, node, a] = np.int32(NO_CHILD)
+    for i in range(len(latent)):
+        tree.latent[b, node, i] = latent[i]
     tree.raw_value[b, node] = value
     tree.value[b, node] = value
     tree.node_visits[b, node] = ONE
-    tree.latent[b, node] = latent
 
 
 @njit(cache=True, error_model='numpy')

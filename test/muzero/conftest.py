@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from portnav_ros.evaluation.benchmark_search_contender import random_state
 from portnav_ros.muzero.tree import Step
 
 
@@ -47,33 +48,8 @@ def tabular():
 def network_state():
     """A state dict of the networks' shape with random numbers, as numpy arrays."""
 
-    def make(rng, features=20, latent=16, hidden=(32,), bins=11, alive=True, grid=(9, 3)):
-        state = {}
-
-        def linear(name, inputs, outputs):
-            state[f'{name}.weight'] = rng.standard_normal((outputs, inputs)) / np.sqrt(inputs)
-            state[f'{name}.bias'] = 0.1 * rng.standard_normal(outputs)
-
-        def norm(name, size):
-            state[f'{name}.weight'] = 1.0 + 0.1 * rng.standard_normal(size)
-            state[f'{name}.bias'] = 0.1 * rng.standard_normal(size)
-
-        def body(name, inputs):
-            for i, (size, outputs) in enumerate(zip((inputs, *hidden), hidden, strict=False)):
-                linear(f'{name}.body.{i}.linear', size, outputs)
-                norm(f'{name}.body.{i}.norm', outputs)
-
-        body('representation', features)
-        body('dynamics', latent + sum(grid))
-        body('prediction', latent)
-        heads = {'representation.out': latent, 'dynamics.out': latent, 'dynamics.reward': bins}
-        heads |= {'prediction.policy': grid[0] * grid[1], 'prediction.value': bins}
-        for name, outputs in (heads | ({'dynamics.alive': 1} if alive else {})).items():
-            linear(name, hidden[-1], outputs)
-        norm('representation.norm', latent)
-        norm('dynamics.norm', latent)
-        state['reward_atoms'] = np.linspace(-5.0, 5.0, bins)
-        state['value_atoms'] = np.linspace(-50.0, 50.0, bins)
-        return {name: array.astype(np.float32) for name, array in state.items()}
+    def make(rng, features=20, latent=16, hidden=(32,), bins=11, alive=True):
+        state = random_state(rng, features, latent, hidden, bins, (9, 3), alive)
+        return state | {'value_atoms': np.linspace(-50.0, 50.0, bins, dtype=np.float32)}
 
     return make

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from portnav_ros.muzero.exponential import exp_negative
-from portnav_ros.muzero.inference import NumpyModel, expectation, numpy_model, weights_of
+from portnav_ros.muzero.inference import NumpyModel, numpy_model, weights_of
+from portnav_ros.muzero.layers import expectation
 
 
 def test_exponential():
