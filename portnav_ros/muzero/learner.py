@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -12,7 +12,7 @@ from torch import Tensor
 from portnav_ros.muzero.losses import TERMS, Batch, LossWeights, Unrolled, expectation, to_batch, unroll
 from portnav_ros.muzero.networks import Network
 from portnav_ros.muzero.replay import Sample
-from portnav_ros.params import check_range
+from portnav_ros.params import ParamError, check_range
 from portnav_ros.training.run_directory import TrainingError
 from portnav_ros.types import Array32
 
@@ -22,7 +22,8 @@ class LearnerParams:
     """Optimisation by AdamW.
 
     batch: sequences of an update. unroll: decisions of a sequence. last_rate: learning rate at the end
-    of the run, to which it falls linearly.
+    of the run, to which it falls linearly. precision: of the products in the unrolled networks; bfloat16
+    nearly halves the time of an update where the processor has it.
     """
 
     batch: int = 256
@@ -31,6 +32,7 @@ class LearnerParams:
     last_rate: float = 1e-4
     weight_decay: float = 1e-4
     gradient_clip: float = 5.0
+    precision: Literal['float32', 'bfloat16'] = 'float32'
     weights: LossWeights = field(default_factory=LossWeights)
 
     def __post_init__(self) -> None:
@@ -44,6 +46,8 @@ class LearnerParams:
             weight_decay=(0.0, 1.0),
             gradient_clip=(1e-6, 1e6),
         )
+        if self.precision not in ('float32', 'bfloat16'):
+            raise ParamError(f'precision = {self.precision!r} must be float32 or bfloat16')
 
 
 def limit_threads(count: int) -> None:
@@ -80,7 +84,7 @@ class Learner:
             TrainingError: a loss or the gradient is not finite.
         """
         batch = to_batch(sample, self.device, absorbing=self.network.dynamics.alive is None)
-        said = unroll(self.network, batch.features, batch.action)
+        said = self._unroll(batch)
         losses = {name: term(self.network, said, batch) for name, term in TERMS.items()}
         weights = self.params.weights
         total = torch.stack([getattr(weights, name) * loss for name, loss in losses.items()]).sum()
@@ -97,6 +101,14 @@ class Learner:
             )
         names = ('loss', 'gradient_norm', *(f'loss_{name}' for name in losses))
         return dict(zip(names, values, strict=True))
+
+    def _unroll(self, batch: Batch) -> Unrolled:
+        if self.params.precision == 'float32':
+            return unroll(self.network, batch.features, batch.action)
+        with torch.autocast(self.device.type, torch.bfloat16):
+            said = unroll(self.network, batch.features, batch.action)
+        alive = None if said.alive is None else said.alive.float()
+        return Unrolled(said.policy.float(), said.value.float(), said.reward.float(), alive)
 
     @torch.no_grad()
     def diagnose(self, sample: Sample) -> dict[str, float]:

@@ -15,6 +15,9 @@ from portnav_ros.muzero.networks import Network
 from portnav_ros.muzero.replay import Sample
 from portnav_ros.params import check_range
 
+REGRET_SCALE = 30.0  # units of reward
+LESSON_TEMPERATURE = 20.0  # units of reward
+
 
 @dataclass(frozen=True)
 class LossWeights:
@@ -24,10 +27,11 @@ class LossWeights:
     value: float = 1.0
     reward: float = 1.0
     alive: float = 1.0
+    lesson: float = 1.0
 
     def __post_init__(self) -> None:
         """Refuse negative weights."""
-        check_range(self, **dict.fromkeys(('policy', 'value', 'reward', 'alive'), (0.0, 1e6)))
+        check_range(self, **dict.fromkeys(('policy', 'value', 'reward', 'alive', 'lesson'), (0.0, 1e6)))
 
 
 class Batch(NamedTuple):
@@ -44,6 +48,8 @@ class Batch(NamedTuple):
     going_on: Tensor  # [N, K]
     live: Tensor  # [N, K + 1]
     trained: Tensor  # [N, K + 1]
+    lesson: Tensor  # [N, K + 1, C] actions that were valued, below 0 where none were
+    regret: Tensor  # [N, K + 1, C] units of reward
 
 
 class Unrolled(NamedTuple):
@@ -79,6 +85,8 @@ def to_batch(sample: Sample, device: torch.device, absorbing: bool) -> Batch:
         going_on=tensor(targets.going_on),
         live=tensor(targets.live),
         trained=tensor(trained),
+        lesson=tensor(sample.lesson),
+        regret=tensor(sample.regret),
     )
 
 
@@ -137,11 +145,29 @@ def alive_loss(network: Network, said: Unrolled, batch: Batch) -> Tensor:
     return (loss * batch.live[:, :-1]).mean()
 
 
+def lesson_loss(network: Network, said: Unrolled, batch: Batch) -> Tensor:
+    """What the policy would regret, if it took one of the actions that a teacher valued.
+
+    The expected regret itself is right about what no sensor tells, because it averages before it chooses;
+    half a cross-entropy to a softmax of the values keeps a gradient where the policy is sure of a wrong
+    action.
+    """
+    if batch.lesson.shape[2] == 0:
+        return said.policy.new_zeros(())
+    taught = (batch.lesson[..., 0] >= 0).float() * batch.live
+    log_policy = functional.log_softmax(said.policy.gather(2, batch.lesson.clamp(min=0)), -1)
+    regret = (log_policy.exp() * batch.regret).sum(-1) / REGRET_SCALE
+    wanted = functional.softmax(-batch.regret / LESSON_TEMPERATURE, -1)
+    entropy = -(wanted * log_policy).sum(-1)
+    return mean_over_unroll((regret + 0.5 * entropy) * taught)
+
+
 TERMS: dict[str, Callable[[Network, Unrolled, Batch], Tensor]] = {
     'policy': policy_loss,
     'value': value_loss,
     'reward': reward_loss,
     'alive': alive_loss,
+    'lesson': lesson_loss,
 }
 
 

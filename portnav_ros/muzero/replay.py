@@ -10,6 +10,7 @@ import numpy as np
 
 from portnav_ros.muzero.targets import History, TargetParams, Targets, make_targets
 from portnav_ros.params import ParamError, check_range
+from portnav_ros.task.mirror import Mirror
 from portnav_ros.types import AnyArray, Array32, IntArray
 
 
@@ -45,6 +46,8 @@ class Segment(NamedTuple):
     policy: Array32  # [T, B, A] target of the search
     final_value: Array32  # [T, B] of what was seen last, where the episode was truncated
     version: AnyArray  # [T, B] int32, updates behind the weights that decided
+    lesson: AnyArray  # [T, B, K] int8, actions that a teacher valued; below 0 where none did
+    regret: AnyArray  # [T, B, K] float16, of each against the best of them
 
 
 class Sample(NamedTuple):
@@ -55,12 +58,16 @@ class Sample(NamedTuple):
     policy: Array32  # [N, K + 1, A]
     targets: Targets
     version: AnyArray  # [N]
+    lesson: IntArray  # [N, U + 1, K]; U decisions unrolled, K actions of a lesson
+    regret: Array32  # [N, U + 1, K]
 
 
 class Replay:
     """Decisions 0, 1, ... of B environments, of which the last `rows` are kept."""
 
-    def __init__(self, params: ReplayParams, batch: int, features: int, actions: int) -> None:
+    def __init__(
+        self, params: ReplayParams, batch: int, features: int, actions: int, lessons: int = 0
+    ) -> None:
         """Allocate all memory that it will ever take."""
         self.params = params
         self.batch = batch
@@ -79,6 +86,8 @@ class Replay:
             policy=ring('float32', actions),
             final_value=ring('float32'),
             version=ring('int32'),
+            lesson=ring('int8', lessons),
+            regret=ring('float16', lessons),
         )
 
     def __len__(self) -> int:
@@ -153,6 +162,8 @@ class Replay:
             policy=ring.policy[rows],
             targets=make_targets(history, self.written - 1, which, first, unroll, targets, hold),
             version=ring.version[which, steps[:, 0]],
+            lesson=ring.lesson[rows].astype(np.int64),
+            regret=ring.regret[rows].astype(np.float32),
         )
 
     def segment(self, first: int, end: int) -> Segment:
@@ -167,3 +178,16 @@ class Replay:
             self.append(segment)
         if self.written != written:
             raise ValueError(f'the replay ends at decision {self.written} instead of {written}')
+
+
+def half_mirrored(sample: Sample, mirror: Mirror) -> Sample:
+    """The same sample, in the first half of which port and starboard are exchanged."""
+    half = len(sample.action) // 2
+    features, action = sample.features.copy(), sample.action.copy()
+    policy, lesson = sample.policy.copy(), sample.lesson.copy()
+    features[:half] = mirror.features(features[:half])
+    action[:half] = mirror.action[action[:half]]
+    policy[:half] = policy[:half][..., mirror.action]
+    valued = lesson[:half] >= 0
+    lesson[:half] = np.where(valued, mirror.action[lesson[:half]], lesson[:half])
+    return sample._replace(features=features, action=action, policy=policy, lesson=lesson)

@@ -13,6 +13,7 @@ from portnav_ros.muzero.inference import NumpyModel
 from portnav_ros.muzero.replay import Segment
 from portnav_ros.muzero.search import Search, SearchParams
 from portnav_ros.muzero.targets import RUNNING, TERMINATED, TRUNCATED
+from portnav_ros.muzero.tutor import NOT_TAUGHT, TeachingParams, Tutor
 from portnav_ros.params import ParamError, check_range
 from portnav_ros.sim.world import DECISION_S
 from portnav_ros.task.env import PortVectorEnv
@@ -49,6 +50,7 @@ class SelfPlay:
         search: SearchParams,
         latent: int,
         seed: np.random.SeedSequence,
+        teaching: TeachingParams | None = None,
     ) -> None:
         """Begin an episode in every environment; all draws come from the seed."""
         self._env = env
@@ -59,23 +61,41 @@ class SelfPlay:
         self._rng = np.random.default_rng(words[-1])
         self._features, _ = env.reset(seed=[int(word) for word in words[:-1]])
         self.statistics = EpisodeStatistics(env.num_envs, env.task.actions.hold * DECISION_S)
+        self._tutor = Tutor(env, teaching) if teaching and teaching.steps else None
+        self._lessons = teaching.actions if self._tutor and teaching else 0
 
-    def play(self, model: NumpyModel, version: int) -> Segment:
-        """Sail a segment with a model, that of so many updates."""
+    def play(self, model: NumpyModel, version: int, taught: bool = False) -> Segment:
+        """Sail a segment with a model, that of so many updates; taught, without a search."""
         env = self._env
-        segment = new_segment(self._length, env.num_envs, env.task.observation.size, env.task.actions.count)
+        segment = new_segment(
+            self._length, env.num_envs, env.task.observation.size, env.task.actions.count, self._lessons
+        )
         segment.version[:] = version
         for t in range(self._length):
-            found = self.search.run(model, self._features, self._rng, temperature=self._temperature)
             segment.features[t] = self._features
-            segment.action[t], segment.value[t], segment.policy[t] = found.action, found.value, found.target
-            self._features, reward, terminated, truncated, infos = env.step(found.action)
+            if taught and self._tutor:
+                self._be_taught(self._tutor, model, segment, t)
+            else:
+                self._plan(model, segment, t)
+            self._features, reward, terminated, truncated, infos = env.step(segment.action[t])
             segment.reward[t] = reward
             segment.end[t] = np.select([terminated, truncated], [TERMINATED, TRUNCATED], RUNNING)
             if truncated.any():
                 segment.final_value[t, truncated] = value_of(model, infos['final_obs'][truncated])
             self.statistics.update(reward, terminated | truncated, infos)
+            if taught and self._tutor:
+                self._tutor.look(terminated | truncated)
         return segment
+
+    def _plan(self, model: NumpyModel, segment: Segment, t: int) -> None:
+        found = self.search.run(model, self._features, self._rng, temperature=self._temperature)
+        segment.action[t], segment.value[t], segment.policy[t] = found.action, found.value, found.target
+        segment.lesson[t] = NOT_TAUGHT
+
+    def _be_taught(self, tutor: Tutor, model: NumpyModel, segment: Segment, t: int) -> None:
+        taught = tutor.decide(model, self._features, self._rng)
+        segment.action[t], segment.value[t] = taught.action, taught.value
+        segment.lesson[t], segment.regret[t] = taught.lesson, taught.regret
 
     def state_dict(self) -> dict[str, AnyArray]:
         """Environments, generators and statistics, for a checkpoint."""
@@ -84,19 +104,25 @@ class SelfPlay:
             'generator': np.array(json.dumps(self._rng.bit_generator.state)),
             **{f'env_{name}': array for name, array in self._env.state_dict().items()},
             **{f'statistics_{name}': array for name, array in self.statistics.state_dict().items()},
+            **{f'tutor_{name}': array for name, array in self._foreseen().items()},
         }
 
     def load_state_dict(self, state: Mapping[str, AnyArray]) -> None:
         """Go on from a checkpoint."""
         self._features = state['features']
         self._rng.bit_generator.state = json.loads(str(state['generator']))
-        parts: tuple[tuple[str, Any], ...] = (('env_', self._env), ('statistics_', self.statistics))
+        parts: list[tuple[str, Any]] = [('env_', self._env), ('statistics_', self.statistics)]
+        if self._tutor:
+            parts.append(('tutor_', self._tutor))
         for prefix, part in parts:
             own = {name.removeprefix(prefix): state[name] for name in state if name.startswith(prefix)}
             part.load_state_dict(own)
 
+    def _foreseen(self) -> dict[str, AnyArray]:
+        return self._tutor.state_dict() if self._tutor else {}
 
-def new_segment(length: int, batch: int, features: int, actions: int) -> Segment:
+
+def new_segment(length: int, batch: int, features: int, actions: int, lessons: int = 0) -> Segment:
     """Allocate a segment of T decisions of B environments."""
     shape = length, batch
     return Segment(
@@ -108,6 +134,8 @@ def new_segment(length: int, batch: int, features: int, actions: int) -> Segment
         policy=np.zeros((*shape, actions), np.float32),
         final_value=np.zeros(shape, np.float32),
         version=np.zeros(shape, np.int32),
+        lesson=np.full((*shape, lessons), NOT_TAUGHT, np.int8),
+        regret=np.zeros((*shape, lessons), np.float16),
     )
 
 

@@ -37,13 +37,13 @@ class ForesightParams:
     horizon_s: int = 60
     holds_s: tuple[int, ...] = (8, 20, 40)
     margin_m: float = 4.0
-    path_weight: float = 0.3
+    path_weight: float = 1.0
     haste: float = 1.0
-    collision: float = 1500.0
+    collision: float = 400.0
     certain_s: float = 30.0
     late_share: float = 0.3
-    comfort_m: float = 30.0
-    closeness: float = 10.0
+    comfort_m: float = 25.0
+    closeness: float = 3.0
     lookahead_m: float = 100.0
 
     def __post_init__(self) -> None:
@@ -105,17 +105,17 @@ class Foresight:
             params.lookahead_m,
             world.lidar.range_max_m,
         )
-        self._poses = np.zeros((world.batch, 0, 0, 4))
+        self.poses = np.zeros((world.batch, 0, 0, 4))
         self.look(np.ones(world.batch, dtype=bool))
 
     def look(self, which: BoolArray) -> None:
         """Look ahead in the environments [B] whose episode has just begun."""
         seconds = int(self._world.limit_s.max()) + self._params.horizon_s + 2
         shape = self._world.batch, seconds, self._world.vessels.shape[1], 4
-        if shape != self._poses.shape:
+        if shape != self.poses.shape:
             which = np.ones(self._world.batch, dtype=bool)
-            self._poses = np.full(shape, np.nan)
-        future_of(self._world.crowd, self._world.time_s, which, self._poses)
+            self.poses = np.full(shape, np.nan)
+        future_of(self._world.crowd, self._world.time_s, which, self.poses)
 
     def teach(
         self, observation: Observation, vessels: IntArray, count: int, rng: np.random.Generator
@@ -147,7 +147,7 @@ class Foresight:
             world.time_s,
             course,
             world.chart,
-            self._poses,
+            self.poses,
             world.hulls,
             self._table,
             vessels,
