@@ -129,7 +129,11 @@ def _start(run: Run, crew: Crew) -> subprocess.Popen[bytes]:
 
 
 def _end_with_parent() -> None:
-    """Have a run save and end if this process is killed: two must never write to one folder."""
+    """Have a run end if this process is killed, since two must never write to one folder.
+
+    The signal comes once for each thread of this process, and a second Ctrl-C ends a run at once: then it
+    goes on from its last checkpoint.
+    """
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # a command in a shell's background is born deaf to it
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)

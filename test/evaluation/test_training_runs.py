@@ -25,7 +25,7 @@ mkdir -p "$2" && cd "$2" && touch config.yaml
 case $PWD in
 *broken*) echo no memory left; exit 3;;
 *interrupted*) trap 'echo saved > saved; exit 130' INT; kill -INT $PPID;;
-*orphaned*) trap 'echo saved > ../fifo; exit 130' INT; kill -KILL $PPID;;
+*orphaned*) trap 'echo ended > ../fifo; exit 130' INT; kill -KILL $PPID;;
 esac
 case $PWD in *ed) for k in $(seq 500); do sleep 0.02; done;; esac
 echo '{"steps": 100}' > metrics.jsonl
@@ -167,14 +167,14 @@ def test_ctrl_c_lets_every_run_save(tmp_path, trainer):
     assert run.command()[0] == '--resume'
 
 
-def test_a_run_whose_command_is_killed_saves(tmp_path, trainer, monkeypatch):
+def test_a_run_ends_with_its_command(tmp_path, trainer, monkeypatch):
     monkeypatch.undo()
     os.mkfifo(tmp_path / 'fifo')
     fifo = os.open(tmp_path / 'fifo', os.O_RDWR)
     ended = subprocess.run([sys.executable, '-c', ORPHANED, trainer, str(tmp_path)], capture_output=True)
     assert ended.returncode == -signal.SIGKILL, ended.stderr
     assert select.select([fifo], [], [], 20.0)[0]
-    assert os.read(fifo, 100) == b'saved\n'
+    assert os.read(fifo, 100) == b'ended\n'
     os.close(fifo)
 
 
