@@ -17,7 +17,7 @@ CPU = torch.device('cpu')
 
 
 def new_replay():
-    return Replay(ReplayParams(capacity=100, warmup=0, precision='float32'), 2, 3, 4)
+    return Replay(ReplayParams(capacity=100, warmup=0, precision='float32'), 2, 3, 4, lessons=2)
 
 
 def grow(replay, count):
@@ -33,6 +33,8 @@ def grow(replay, count):
             rng.dirichlet(np.ones(4), shape),
             np.zeros(shape),
             np.full(shape, replay.written),
+            np.zeros((*shape, 2), np.int8),
+            np.zeros((*shape, 2), np.float16),
         )
     )
 

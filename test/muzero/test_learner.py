@@ -34,6 +34,8 @@ def chain(count, rng, end=TERMINATED, final_value=0.0):
         policy=np.full((count, 1, 2), 0.5, np.float32),
         final_value=np.where(ended, final_value, 0.0).astype(np.float32),
         version=np.zeros((count, 1), np.int32),
+        lesson=np.zeros((count, 1, 0), np.int8),
+        regret=np.zeros((count, 1, 0), np.float16),
     )
 
 

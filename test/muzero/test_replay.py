@@ -26,6 +26,8 @@ def segment(first, count):
         policy=np.full((count, BATCH, ACTIONS), 0.2, np.float32),
         final_value=np.zeros_like(number),
         version=t.astype(np.int32),
+        lesson=np.zeros((count, BATCH, 0), np.int8),
+        regret=np.zeros((count, BATCH, 0), np.float16),
     )
 
 
