@@ -33,6 +33,7 @@ REQUIREMENTS = [
 EXTRAS = {
     'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
     'train': ['torch>=2.8', 'stable-baselines3', 'tensorboard'],
+    'peers': ['mctx', 'jax'],
     'test': ['pytest', 'hypothesis', 'ruff', 'mypy', 'colcon-common-extensions', 'setuptools<80'],
 }
 
