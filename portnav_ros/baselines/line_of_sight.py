@@ -31,7 +31,7 @@ class LineOfSight:
         """Return setpoints [B, 2]."""
         setpoints = np.empty((len(observation.own), 2))
         setpoints[:, 1] = self.speed_mps
-        _steer_along(
+        steer_along(
             observation.own,
             observation.path,
             observation.path_length,
@@ -43,9 +43,10 @@ class LineOfSight:
 
 
 @njit(cache=True, nogil=True)
-def _steer_along(
+def steer_along(
     own: Array, path: Array, count: IntArray, progress: Array, lookahead_m: float, setpoints: Array
 ) -> None:
+    """Write the line-of-sight courses [B] in rad into the first column of setpoints [B, 2]."""
     for b in range(len(own)):
         errors = path_errors(own[b], path[b], count[b], progress[b], lookahead_m)
         setpoints[b, 0] = wrap_angle(own[b, YAW] - errors[2])

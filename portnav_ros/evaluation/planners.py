@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 
 from portnav_ros.baselines import ppo_policy
 from portnav_ros.baselines.dwa import DynamicWindow
+from portnav_ros.baselines.foresight import ForesightPolicy
 from portnav_ros.baselines.line_of_sight import LineOfSight
 from portnav_ros.baselines.space_time import SpaceTime
 from portnav_ros.muzero.model_file import load_model, released_model
@@ -57,6 +58,10 @@ def _ceiling(scenario: Scenario, options: ModelOptions) -> Policy:
     return SpaceTime()
 
 
+def _foresight(scenario: Scenario, options: ModelOptions) -> Policy:
+    return ForesightPolicy()
+
+
 def _muzero(scenario: Scenario, options: ModelOptions) -> Policy:
     file = options.file or released_model('muzero')
     return load_policy(file, scenario.vessel, scenario.lidar, options.simulations, options.allow_mismatch)
@@ -74,6 +79,7 @@ def _ppo(scenario: Scenario, options: ModelOptions) -> Policy:
 PLANNERS: dict[str, Callable[[Scenario, ModelOptions], Policy]] = {
     'dwa': _dwa,
     'line_of_sight': _line_of_sight,
+    'foresight': _foresight,  # knows the future of what is in sight
     'ceiling': _ceiling,
     'muzero': _muzero,
     'prior': _prior,  # MuZero's policy network without the search

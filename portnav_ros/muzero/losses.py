@@ -15,8 +15,8 @@ from portnav_ros.muzero.networks import Network
 from portnav_ros.muzero.replay import Sample
 from portnav_ros.params import check_range
 
-REGRET_SCALE = 30.0  # units of reward
-LESSON_TEMPERATURE = 20.0  # units of reward
+REGRET_SCALE = 10.0  # units of reward
+LESSON_TEMPERATURE = 5.0  # units of reward
 
 
 @dataclass(frozen=True)

@@ -133,8 +133,17 @@ class Foresight:
         action = np.argsort(lots, axis=1)[:, :count]
         return Lesson(action, self.value(observation, vessels, action))
 
-    def value(self, observation: Observation, vessels: IntArray, action: IntArray) -> Array32:
-        """Value [N, K] of actions [N, K] of the vessels [N], in units of reward."""
+    def value(
+        self,
+        observation: Observation,
+        vessels: IntArray,
+        action: IntArray,
+        time_s: Array | None = None,
+    ) -> Array32:
+        """Value [N, K] of actions [N, K] of the vessels [N], in units of reward.
+
+        time_s: [B] since the episodes began, where that is not the world's own time.
+        """
         world = self._world
         course = Course(observation.path, observation.path_length, observation.progress, PATH_SPACING_M)
         value = np.zeros(action.shape, np.float32)
@@ -142,9 +151,9 @@ class Foresight:
             self._bounds,
             world.vessel.model(),
             world.autopilot.gains(),
-            world.own,
+            observation.own,
             world.memory,
-            world.time_s,
+            world.time_s if time_s is None else time_s,
             course,
             world.chart,
             self.poses,
