@@ -9,7 +9,16 @@ from typing import Any, Literal
 import torch
 from torch import Tensor
 
-from portnav_ros.muzero.losses import TERMS, Batch, LossWeights, Unrolled, expectation, to_batch, unroll
+from portnav_ros.muzero.losses import (
+    TERMS,
+    WORTH_ACTIONS,
+    Batch,
+    LossWeights,
+    Unrolled,
+    expectation,
+    to_batch,
+    unroll,
+)
 from portnav_ros.muzero.networks import Network
 from portnav_ros.muzero.replay import Sample
 from portnav_ros.params import ParamError, check_range
@@ -77,14 +86,16 @@ class Learner:
         for group in self._optimiser.param_groups:
             group['lr'] = first + min(share, 1.0) * (last - first)
 
-    def update(self, sample: Sample) -> dict[str, float]:
-        """Take one step; returns the losses by term and the gradient's norm before it was clipped.
+    def update(self, sample: Sample, worth: bool = True) -> dict[str, float]:
+        """Take one step, with or without the loss on worth.
+
+        Returns the losses by term and the gradient's norm before it was clipped.
 
         Raises:
             TrainingError: a loss or the gradient is not finite.
         """
         batch = to_batch(sample, self.device, absorbing=self.network.dynamics.alive is None)
-        said = self._unroll(batch)
+        said = self._unroll(batch, worth)
         losses = {name: term(self.network, said, batch) for name, term in TERMS.items()}
         weights = self.params.weights
         total = torch.stack([getattr(weights, name) * loss for name, loss in losses.items()]).sum()
@@ -102,13 +113,14 @@ class Learner:
         names = ('loss', 'gradient_norm', *(f'loss_{name}' for name in losses))
         return dict(zip(names, values, strict=True))
 
-    def _unroll(self, batch: Batch) -> Unrolled:
+    def _unroll(self, batch: Batch, worth: bool) -> Unrolled:
+        asked = worth and batch.lesson.shape[2] > 0 and self.params.weights.worth > 0.0
+        lesson = batch.lesson[:, 0, :WORTH_ACTIONS].clamp(min=0) if asked else None
         if self.params.precision == 'float32':
-            return unroll(self.network, batch.features, batch.action)
+            return unroll(self.network, batch.features, batch.action, lesson)
         with torch.autocast(self.device.type, torch.bfloat16):
-            said = unroll(self.network, batch.features, batch.action)
-        alive = None if said.alive is None else said.alive.float()
-        return Unrolled(said.policy.float(), said.value.float(), said.reward.float(), alive)
+            said = unroll(self.network, batch.features, batch.action, lesson)
+        return Unrolled(*(None if part is None else part.float() for part in said))  # type: ignore[arg-type]
 
     @torch.no_grad()
     def diagnose(self, sample: Sample) -> dict[str, float]:

@@ -112,11 +112,12 @@ class Loop:
     def learn(self) -> None:
         """Take the updates that are due, no more and no fewer than the replay's rate allows."""
         start = time.perf_counter()
+        worth = self.steps >= self.params.teaching.worth_after
         for left in range(self.updates_due(), 0, -1):
             sample = self.draw()
             if left == 1:
                 self.means.add(self.learner.diagnose(sample))
-            self.means.add(self.learner.update(sample))
+            self.means.add(self.learner.update(sample, worth))
         self.busy_s['learner'] += time.perf_counter() - start
 
     def updates_due(self) -> int:

@@ -17,6 +17,9 @@ from portnav_ros.params import check_range
 
 REGRET_SCALE = 10.0  # units of reward
 LESSON_TEMPERATURE = 5.0  # units of reward
+WORTH_ACTIONS = 4  # of a lesson, that the dynamics is asked about
+WORTH_OF_REGRET = 2.5  # a collision costs 1000 in the reward and 400 in a lesson
+WORTH_SCALE = 100.0  # units of reward
 
 
 @dataclass(frozen=True)
@@ -28,10 +31,11 @@ class LossWeights:
     reward: float = 1.0
     alive: float = 1.0
     lesson: float = 1.0
+    worth: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse negative weights."""
-        check_range(self, **dict.fromkeys(('policy', 'value', 'reward', 'alive', 'lesson'), (0.0, 1e6)))
+        check_range(self, **dict.fromkeys(TERMS, (0.0, 1e6)))
 
 
 class Batch(NamedTuple):
@@ -59,6 +63,7 @@ class Unrolled(NamedTuple):
     value: Tensor  # [N, K + 1, bins] logits
     reward: Tensor  # [N, K, bins] logits
     alive: Tensor | None  # [N, K] logits
+    worth: Tensor | None = None  # [N, W] of the first actions of the root's lesson, units of reward
 
 
 def to_batch(sample: Sample, device: torch.device, absorbing: bool) -> Batch:
@@ -90,8 +95,8 @@ def to_batch(sample: Sample, device: torch.device, absorbing: bool) -> Batch:
     )
 
 
-def unroll(network: Network, features: Tensor, action: Tensor) -> Unrolled:
-    """Run the networks along actions [N, K] from features [N, F].
+def unroll(network: Network, features: Tensor, action: Tensor, lesson: Tensor | None = None) -> Unrolled:
+    """Run the networks along actions [N, K] from features [N, F], and to one side for actions [N, W].
 
     The gradient that flows back through each application of the dynamics is halved (MuZero, appendix
     G). Heads run once on all positions together, which is several times quicker than one by one.
@@ -112,7 +117,18 @@ def unroll(network: Network, features: Tensor, action: Tensor) -> Unrolled:
         value.view(steps + 1, count, -1).transpose(0, 1),
         torch.stack(rewards, 1),
         torch.stack(alive, 1) if alive else None,
+        None if lesson is None else worth_of(network, latents[0], lesson),
     )
+
+
+def worth_of(network: Network, latent: Tensor, action: Tensor) -> Tensor:
+    """What the networks think actions [N, W] are worth from latents [N, L]: reward plus value."""
+    count, width = action.shape
+    after = network.step(halve_gradient(latent).repeat_interleave(width, 0), action.reshape(-1))
+    value = expectation(network.predict(after.latent).value.float(), network.value_atoms)
+    if after.alive is not None:
+        value = torch.sigmoid(after.alive.float()) * value
+    return (expectation(after.reward.float(), network.reward_atoms) + value).view(count, width)
 
 
 def halve_gradient(values: Tensor) -> Tensor:
@@ -162,12 +178,28 @@ def lesson_loss(network: Network, said: Unrolled, batch: Batch) -> Tensor:
     return mean_over_unroll((regret + 0.5 * entropy) * taught)
 
 
+def worth_loss(network: Network, said: Unrolled, batch: Batch) -> Tensor:
+    """Squared error [] of what the networks think a lesson's actions are worth, in differences.
+
+    Self-play tells of the one action that was taken; this tells the dynamics of those that were not, so that
+    a search finds differences between actions that are more than noise.
+    """
+    if said.worth is None:
+        return said.value.new_zeros(())
+    width = said.worth.shape[1]
+    taught = (batch.lesson[:, 0, 0] >= 0).float()
+    wanted = -WORTH_OF_REGRET * batch.regret[:, 0, :width]
+    error = (said.worth - said.worth.mean(1, keepdim=True)) - (wanted - wanted.mean(1, keepdim=True))
+    return ((error / WORTH_SCALE) ** 2).mean(1).mul(taught).mean()
+
+
 TERMS: dict[str, Callable[[Network, Unrolled, Batch], Tensor]] = {
     'policy': policy_loss,
     'value': value_loss,
     'reward': reward_loss,
     'alive': alive_loss,
     'lesson': lesson_loss,
+    'worth': worth_loss,
 }
 
 

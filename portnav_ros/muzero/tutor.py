@@ -13,13 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from portnav_ros.muzero.inference import NumpyModel
-from portnav_ros.params import check_range
+from portnav_ros.params import ParamError, check_range
 from portnav_ros.task.env import PortVectorEnv
 from portnav_ros.training.foresight import Foresight, ForesightParams, best_of, regret_of
 from portnav_ros.types import AnyArray, Array32, BoolArray, IntArray
 
 NOT_TAUGHT = -1
 REGRET_MAX = 2000.0
+ACTIONS_MAX = 128  # that a lesson can number in a byte
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,8 @@ class TeachingParams:
     steps: environment steps at the start of a run that are taught; none by default. share: of the
     decisions that get a lesson. actions: K, valued in each. follow: share of the environments that do
     what the teacher says. random: share of the decisions of all others that are made at random.
-    temperature: of their policy.
+    temperature: of their policy. worth_after: environment steps from which on the dynamics too is taught
+    what the actions of a lesson are worth; the policy comes first.
     """
 
     steps: int = 0
@@ -38,6 +40,7 @@ class TeachingParams:
     follow: float = 0.125
     random: float = 0.04
     temperature: float = 0.5
+    worth_after: int = 0
     foresight: ForesightParams = field(default_factory=ForesightParams)
 
     def __post_init__(self) -> None:
@@ -45,6 +48,7 @@ class TeachingParams:
         check_range(
             self,
             steps=(0, 1e12),
+            worth_after=(0, 1e12),
             share=(0.0, 1.0),
             actions=(2, 1000),
             follow=(0.0, 1.0),
@@ -73,8 +77,14 @@ class Tutor:
         """Look into every environment's future.
 
         Raises:
-            ParamError: actions that the teacher cannot value.
+            ParamError: actions that the teacher cannot value, or fewer than a lesson has.
         """
+        count = env.task.actions.count
+        if not params.actions <= count <= ACTIONS_MAX:
+            raise ParamError(
+                f'teaching.actions = {params.actions}: the task has {count} actions, '
+                f'and needs at least as many, but no more than {ACTIONS_MAX}'
+            )
         self._env = env
         self._params = params
         self._foresight = Foresight(env.world, env.task.actions, params.foresight)
