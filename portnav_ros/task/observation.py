@@ -10,18 +10,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
-from numba import njit
 
-from portnav_ros.geometry import to_body, wrap_angle
 from portnav_ros.params import ParamError, check_range
 from portnav_ros.sim.scenario import PATH_SPACING_M, LidarParams
-from portnav_ros.task.aligned import ScanMemory, new_memory, remember, write_aligned
-from portnav_ros.task.path_errors import advance, path_errors, path_point
+from portnav_ros.task.aligned import new_memory, remember
+from portnav_ros.task.observation_rows import Scales, locate, write_aligned_rows, write_stacked_rows
 from portnav_ros.task.policy import Observation
-from portnav_ros.types import SURGE, YAW, YAW_RATE, AnyArray, Array, Array32, BoolArray, IntArray, X, Y
+from portnav_ros.types import YAW, AnyArray, Array, Array32, BoolArray
 
 
 @dataclass(frozen=True)
@@ -76,21 +74,6 @@ class ObservationParams:
         if self.layout == 'aligned':
             return self.frame_size + (len(self.ages) - 1) * self.sectors + 1
         return self.frames * self.frame_size
-
-
-class Scales(NamedTuple):
-    """ObservationParams as scalars for compiled code."""
-
-    sectors: int
-    path_points: int
-    path_step: float
-    lookahead_m: float
-    range_m: float
-    position_m: float
-    speed_mps: float
-    yaw_rate_radps: float
-    heading_change_rad: float
-    remaining_m: float
 
 
 class Observer:
@@ -190,11 +173,11 @@ class Observer:
         """
         chosen = self._everyone if which is None else which
         fresh = np.isnan(self._last_yaw)
-        _locate(self._scales.lookahead_m, own, self._path, self._count, self._progress, self._errors, chosen)
+        locate(self._scales.lookahead_m, own, self._path, self._count, self._progress, self._errors, chosen)
         if self.params.layout == 'aligned':
             remember(self._memory, own, ranges, fresh, chosen)
             if deciding:
-                _write_aligned_rows(
+                write_aligned_rows(
                     self._scales,
                     self._ages,
                     self._memory,
@@ -209,7 +192,7 @@ class Observer:
                     chosen,
                 )
         else:
-            _write_stacked_rows(
+            write_stacked_rows(
                 self._scales,
                 own,
                 ranges,
@@ -228,116 +211,3 @@ class Observer:
     def observation(self, own: Array, ranges: Array32) -> Observation:
         """What the last update made of state rows [B, 7] and ranges [B, R]."""
         return Observation(ranges, own, self._path, self._count, self._progress, self._features)
-
-
-@njit(cache=True, nogil=True)
-def _locate(
-    lookahead_m: float,
-    own: Array,
-    path: Array,
-    count: IntArray,
-    progress: Array,
-    errors: Array,
-    which: BoolArray,
-) -> None:
-    for b in np.flatnonzero(which):
-        progress[b] = advance(path[b], count[b], progress[b], own[b, X], own[b, Y])
-        errors[b] = path_errors(own[b], path[b], count[b], progress[b], lookahead_m)
-
-
-@njit(cache=True, nogil=True)
-def _write_stacked_rows(
-    scales: Scales,
-    own: Array,
-    ranges: Array32,
-    setpoint: Array,
-    path: Array,
-    count: IntArray,
-    progress: Array,
-    errors: Array,
-    last_yaw: Array,
-    features: Array32,
-    which: BoolArray,
-) -> None:
-    frame = scales.sectors + 7 + 2 * scales.path_points
-    frames = features.shape[1] // frame
-    for b in np.flatnonzero(which):
-        fresh = math.isnan(last_yaw[b])
-        for f in range(frames - 1, 0, -1):
-            features[b, f * frame : (f + 1) * frame] = features[b, (f - 1) * frame : f * frame]
-        row = features[b, :frame]
-        _pool(ranges[b], scales.range_m, row[: scales.sectors])
-        at = _write_motion(scales, own[b], errors[b], row, scales.sectors)
-        at = _write_path(scales, own[b], own[b, YAW], path[b], count[b], progress[b], row, at)
-        row[at] = 0.0 if fresh else wrap_angle(setpoint[b, 0] - last_yaw[b]) / scales.heading_change_rad
-        row[at + 1] = 0.0 if fresh else setpoint[b, 1] / scales.speed_mps
-        if fresh:
-            for f in range(1, frames):
-                features[b, f * frame : (f + 1) * frame] = row
-
-
-@njit(cache=True, nogil=True)
-def _write_aligned_rows(
-    scales: Scales,
-    ages: IntArray,
-    memory: ScanMemory,
-    own: Array,
-    setpoint: Array,
-    path: Array,
-    count: IntArray,
-    progress: Array,
-    errors: Array,
-    fresh: BoolArray,
-    features: Array32,
-    which: BoolArray,
-) -> None:
-    """Closeness by age and sector, motion and errors, path points, setpoint, what remains of the path.
-
-    The setpoint is the one given at the last decision, its heading counted from the course.
-    """
-    for b in np.flatnonzero(which):
-        course = own[b, YAW] - errors[b, 2]
-        row, at = features[b], len(ages) * scales.sectors
-        for k in range(len(ages)):
-            sectors = row[k * scales.sectors : (k + 1) * scales.sectors]
-            write_aligned(memory, b, ages[k], course, scales.range_m, sectors)
-        at = _write_motion(scales, own[b], errors[b], row, at)
-        at = _write_path(scales, own[b], course, path[b], count[b], progress[b], row, at)
-        row[at] = 0.0 if fresh[b] else wrap_angle(setpoint[b, 0] - course) / scales.heading_change_rad
-        row[at + 1] = 0.0 if fresh[b] else setpoint[b, 1] / scales.speed_mps
-        row[at + 2] = (count[b] - 1 - progress[b]) * PATH_SPACING_M / scales.remaining_m
-
-
-@njit(cache=True, nogil=True)
-def _pool(ranges: Array32, range_max_m: float, out: Array32) -> None:
-    """Least range of each sector as a share of the sensor's reach; an invalid ray reads as far."""
-    width = len(ranges) // len(out)
-    for s in range(len(out)):
-        least = range_max_m
-        for i in range(s * width, (s + 1) * width):
-            if ranges[i] < least:
-                least = ranges[i]
-        out[s] = max(least, 0.0) / range_max_m
-
-
-@njit(cache=True, nogil=True)
-def _write_motion(scales: Scales, own: Array, errors: Array, row: Array32, at: int) -> int:
-    row[at] = own[SURGE] / scales.speed_mps
-    row[at + 1] = own[YAW_RATE] / scales.yaw_rate_radps
-    row[at + 2] = errors[0] / scales.position_m
-    row[at + 3] = errors[1] / scales.position_m
-    row[at + 4] = errors[2] / math.pi
-    return at + 5
-
-
-@njit(cache=True, nogil=True)
-def _write_path(
-    scales: Scales, own: Array, axis: float, path: Array, count: int, progress: float, row: Array32, at: int
-) -> int:
-    """Write points ahead on the path, seen from the vessel with x along the heading `axis`."""
-    for k in range(scales.path_points):
-        px, py = path_point(path, count, progress + (k + 1) * scales.path_step)
-        x, y = to_body(own[X], own[Y], axis, px, py)
-        row[at + 2 * k] = x / scales.range_m
-        row[at + 2 * k + 1] = y / scales.range_m
-    return at + 2 * scales.path_points
