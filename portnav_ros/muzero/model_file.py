@@ -26,7 +26,7 @@ from portnav_ros.muzero import ModelError
 from portnav_ros.params import ParamError, override
 from portnav_ros.resources import share_directory
 from portnav_ros.sim.scenario import LidarParams
-from portnav_ros.task.env import TaskParams
+from portnav_ros.task.params import TaskParams
 from portnav_ros.types import Array32
 from portnav_ros.vessel import VesselParams
 

@@ -16,7 +16,6 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import gymnasium
@@ -28,22 +27,16 @@ from gymnasium.vector.utils import batch_space
 from portnav_ros.sim.generator import ScenarioPool, load_difficulty
 from portnav_ros.sim.scenario import Scenario, ScenarioError
 from portnav_ros.sim.world import World
-from portnav_ros.task.actions import ActionParams, setpoints_of
-from portnav_ros.task.observation import ObservationParams, Observer
+from portnav_ros.task.actions import setpoints_of
+from portnav_ros.task.observation import Observer
+from portnav_ros.task.params import TaskParams
 from portnav_ros.task.policy import Observation
-from portnav_ros.task.reward import TERMS, RewardParams, reward_terms
+from portnav_ros.task.reward import TERMS, reward_terms
 from portnav_ros.types import AnyArray, Array, Array32, BoolArray, IntArray, Outcome
 
+__all__ = ['PortEnv', 'PortVectorEnv', 'ScenarioSource', 'TaskParams']
+
 ScenarioSource = Callable[[np.random.Generator], Scenario]
-
-
-@dataclass(frozen=True)
-class TaskParams:
-    """What the agent sees, does and is paid for."""
-
-    observation: ObservationParams = field(default_factory=ObservationParams)
-    actions: ActionParams = field(default_factory=ActionParams)
-    reward: RewardParams = field(default_factory=RewardParams)
 
 
 class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
