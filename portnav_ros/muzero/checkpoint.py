@@ -80,6 +80,8 @@ class Checkpoints:
             arrays = read_arrays(self._folder / document['arrays'])
             self._ranges = [(int(first), int(end)) for first, end in document['replay']]
             replay.restore(document['written'], (self._read_segment(item) for item in self._ranges))
+        except TrainingError:
+            raise
         except (OSError, KeyError, ValueError, RuntimeError, BadZipFile, UnpicklingError) as error:
             reason = str(error).partition('\n')[0]
             raise TrainingError(
@@ -98,7 +100,15 @@ class Checkpoints:
         return kept + new
 
     def _read_segment(self, item: tuple[int, int]) -> tuple[int, Segment]:
-        return item[0], Segment(**read_arrays(self._folder / range_name(item)))
+        file = self._folder / range_name(item)
+        arrays = read_arrays(file)
+        other = sorted(arrays.keys() ^ set(Segment._fields))
+        if other:
+            raise TrainingError(
+                f'{file}: {", ".join(other)}: the replay of this version has other fields; '
+                'begin a new run with another --out, or resume with the version that began it'
+            )
+        return item[0], Segment(**arrays)
 
     def _read_state(self) -> dict[str, Any] | None:
         file = self._folder / STATE

@@ -8,7 +8,7 @@ import pytest
 torch = pytest.importorskip('torch')
 
 from portnav_ros.muzero import checkpoint  # noqa: E402
-from portnav_ros.muzero.checkpoint import STATE, Checkpoints, Saved  # noqa: E402
+from portnav_ros.muzero.checkpoint import STATE, Checkpoints, Saved, read_arrays, write_arrays  # noqa: E402
 from portnav_ros.muzero.replay import Replay, ReplayParams, Segment  # noqa: E402
 from portnav_ros.muzero.targets import TargetParams  # noqa: E402
 from portnav_ros.training.run_directory import TrainingError  # noqa: E402
@@ -112,6 +112,18 @@ def test_damage_is_named(tmp_path):
         Checkpoints(tmp_path).load(new_replay(), CPU)
     (tmp_path / STATE).write_text('{"schema": 99}')
     with pytest.raises(TrainingError, match='schema 99'):
+        Checkpoints(tmp_path).load(new_replay(), CPU)
+
+
+@pytest.mark.parametrize(('added', 'dropped'), [((), ('lesson', 'regret')), (('wake',), ())])
+def test_a_replay_of_another_version_is_named(tmp_path, added, dropped):
+    replay, checkpoints = new_replay(), Checkpoints(tmp_path)
+    grow(replay, 20)
+    checkpoints.save('1', saved(1), replay)
+    arrays = read_arrays(tmp_path / 'replay-0-20.npz')
+    kept = {name: array for name, array in arrays.items() if name not in dropped}
+    write_arrays(tmp_path / 'replay-0-20.npz', kept | dict.fromkeys(added, arrays['reward']))
+    with pytest.raises(TrainingError, match=f'{", ".join(added + dropped)}: .* other fields.*--out'):
         Checkpoints(tmp_path).load(new_replay(), CPU)
 
 
