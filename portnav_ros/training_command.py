@@ -60,10 +60,12 @@ def run(arguments: argparse.Namespace) -> int:
     params = override(module.Params(), config.values, config.source)
     if config.worlds:
         params = override(params, {'scenarios': config.worlds}, 'command line')
-    for item in arguments.set or ():
-        params = override(params, assignment(item), f'--set {item}')
     if arguments.steps is not None:
         params = override(params, {'schedule': {'steps': arguments.steps}}, '--steps')
+        if not arguments.resume:
+            params = dataclasses.replace(params, schedule=params.schedule.with_curves())
+    for item in arguments.set or ():
+        params = override(params, assignment(item), f'--set {item}')
     job = Job(
         out=config.out,
         seed=config.seed,

@@ -56,6 +56,23 @@ def test_options_go_over_the_preset(trained, tmp_path):
     assert job.provenance['version']
 
 
+def test_a_short_run_of_a_long_preset_still_makes_curves(trained, tmp_path):
+    """And its whole length is taught; what --set says is done to the letter."""
+    short = ['train', '--preset', 'best', '--testbed', 'one_buoy', '--steps', '300000']
+    cli.main([*short, '--out', str(tmp_path / 'run')])
+    params = trained[0][0]
+    schedule = params.schedule
+    assert (schedule.log_every, schedule.validate_every, schedule.save_every) == (15_000, 37_500, 15_000)
+    assert params.teaching.steps >= schedule.steps
+    cli.main([*short, '--set', 'schedule.log_every=100000', '--out', str(tmp_path / 'run')])
+    assert trained[1][0].schedule.log_every == 100_000
+
+
+def test_a_long_run_has_the_intervals_of_its_preset(trained, tmp_path):
+    cli.main(['train', '--preset', 'paper', '--steps', '40000000', '--out', str(tmp_path / 'run')])
+    assert trained[0][0].schedule == dataclasses.replace(train.Params().schedule, steps=40_000_000)
+
+
 def test_a_resumed_run_has_the_parameters_of_its_folder(trained, tmp_path):
     params = dataclasses.replace(train.Params(), validate_prior=False)
     config = {'algorithm': 'muzero', 'seed': 4, 'version': '0', **dataclasses.asdict(params)}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from portnav_ros.params import check_range
+
+LINES, VALIDATIONS = 20, 8  # of a short run, at least
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,20 @@ class ScheduleParams:
         """Refuse intervals that cannot be."""
         check_range(
             self, steps=(1, 1e12), log_every=(1, 1e12), validate_every=(0, 1e12), save_every=(0, 1e12)
+        )
+
+    def with_curves(self) -> ScheduleParams:
+        """The same schedule, with intervals that make a curve of a short run too.
+
+        It logs and saves after each LINES-th of the run at the latest, and validates after each
+        VALIDATIONS-th.
+        """
+        line, validation = max(self.steps // LINES, 1), max(self.steps // VALIDATIONS, 1)
+        return replace(
+            self,
+            log_every=min(self.log_every, line),
+            validate_every=min(self.validate_every, validation),
+            save_every=min(self.save_every, line),
         )
 
 
