@@ -14,6 +14,7 @@ from portnav_ros.muzero.learner import Learner, LearnerParams  # noqa: E402
 from portnav_ros.muzero.networks import Network, NetworkParams  # noqa: E402
 from portnav_ros.muzero.replay import Replay, ReplayParams, Segment  # noqa: E402
 from portnav_ros.muzero.targets import RUNNING, TERMINATED, TRUNCATED, TargetParams  # noqa: E402
+from portnav_ros.params import ParamError  # noqa: E402
 from portnav_ros.training.run_directory import TrainingError  # noqa: E402
 
 DISCOUNT = 0.5
@@ -170,3 +171,26 @@ def test_a_loss_that_is_not_finite_ends_the_run():
     sample.features[0] = np.nan
     with pytest.raises(TrainingError, match='not finite'):
         made.update(sample)
+
+
+def test_bfloat16_learns_nearly_the_same():
+    sample = replay_of(chain(900, np.random.default_rng(0))).sample(
+        np.random.default_rng(1), 64, 3, TargetParams(discount=DISCOUNT)
+    )
+    sample.policy[:] = [0.9, 0.1]
+    exact, rough = learner(), learner(precision='bfloat16')
+    before = exact.arrays()
+    first = exact.update(sample), rough.update(sample)
+    assert first[1]['loss'] == pytest.approx(first[0]['loss'], rel=0.01)
+    assert first[1]['gradient_norm'] == pytest.approx(first[0]['gradient_norm'], rel=0.05)
+    assert all(tensor.dtype == torch.float32 for tensor in rough.network.parameters())
+    moved = np.concatenate([(exact.arrays()[name] - before[name]).ravel() for name in before])
+    rounded = np.concatenate([(rough.arrays()[name] - before[name]).ravel() for name in before])
+    assert np.corrcoef(moved, rounded)[0, 1] > 0.9
+    last = [rough.update(sample) for _ in range(120)][-1]
+    assert last['loss'] < 0.6 * first[1]['loss']
+
+
+def test_another_precision_is_refused():
+    with pytest.raises(ParamError, match='bfloat16'):
+        LearnerParams(precision='float16')

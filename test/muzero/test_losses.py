@@ -9,10 +9,14 @@ torch = pytest.importorskip('torch')
 
 from portnav_ros.muzero.atoms import AtomParams, two_hot  # noqa: E402
 from portnav_ros.muzero.losses import (  # noqa: E402
+    LESSON_TEMPERATURE,
+    REGRET_SCALE,
     TERMS,
     Batch,
+    Unrolled,
     expectation,
     halve_gradient,
+    lesson_loss,
     two_hot_loss,
     unroll,
 )
@@ -46,6 +50,8 @@ def batch(count=4, steps=3, seed=1):
         going_on=torch.ones(count, steps),
         live=torch.ones(count, steps + 1),
         trained=torch.ones(count, steps + 1),
+        lesson=torch.argsort(draw(count, steps + 1, ACTIONS), -1)[..., :4],
+        regret=50.0 * draw(count, steps + 1, 4).abs(),
     )
 
 
@@ -113,6 +119,7 @@ def test_masked_positions_teach_nothing(name):
         value=masked.value - 500.0 * (1.0 - mask),
         policy=torch.where(mask[..., None] > 0, masked.policy, 1.0 / ACTIONS),
         going_on=torch.where(mask[:, :-1] > 0, masked.going_on, 0.0),
+        regret=masked.regret + 70.0 * (1.0 - mask[..., None]),
     )
     said = unroll(net, given.features, given.action)
     assert TERMS[name](net, said, masked).item() == TERMS[name](net, said, other).item()
@@ -128,3 +135,70 @@ def test_uniform_policy_costs_the_logarithm_of_the_actions():
 def test_a_network_without_that_head_has_no_alive_loss():
     net, given = network(alive=False), batch()
     assert TERMS['alive'](net, unroll(net, given.features, given.action), given).item() == 0.0
+
+
+def told(logits, lesson, regret):
+    """Lesson loss of N root decisions: logits [N, A], actions valued [N, C] and their regret [N, C]."""
+    count = len(logits)
+    live = torch.ones(count, 1)
+    said = Unrolled(logits[:, None], torch.zeros(count, 1, 3), torch.zeros(count, 0, 3), None)
+    given = batch(count, 0)._replace(
+        lesson=torch.tensor(lesson)[:, None], regret=torch.tensor(regret)[:, None], live=live
+    )
+    return lesson_loss(network(), said, given)
+
+
+def test_a_lesson_costs_expected_regret_and_half_a_cross_entropy():
+    logits = torch.tensor([[0.7, 9.0, -0.4]])
+    loss = told(logits, [[0, 2]], [[0.0, 12.0]])
+    first = 1.0 / (1.0 + math.exp(-0.4 - 0.7))  # chance of the first among the two that were valued
+    wanted = 1.0 / (1.0 + math.exp(-12.0 / LESSON_TEMPERATURE))
+    entropy = -wanted * math.log(first) - (1.0 - wanted) * math.log(1.0 - first)
+    assert loss.item() == pytest.approx(12.0 * (1.0 - first) / REGRET_SCALE + 0.5 * entropy, rel=1e-5)
+
+
+def test_actions_that_were_not_valued_are_left_alone():
+    logits = torch.zeros(1, 3, requires_grad=True)
+    told(logits, [[0, 2]], [[0.0, 12.0]]).backward()
+    assert logits.grad[0, 1].item() == 0.0
+    assert logits.grad[0, 0].item() < 0.0 < logits.grad[0, 2].item()
+
+
+def test_a_decision_without_a_lesson_teaches_nothing():
+    logits = torch.tensor([[0.7, -0.4], [0.1, 0.2]], requires_grad=True)
+    loss = told(logits, [[0, 1], [-1, -1]], [[0.0, 40.0], [0.0, 0.0]])
+    loss.backward()
+    assert loss.item() == pytest.approx(0.5 * told(logits[:1], [[0, 1]], [[0.0, 40.0]]).item())
+    assert (logits.grad[1] == 0.0).all()
+    assert (logits.grad[0] != 0.0).all()
+
+
+def test_a_run_that_is_not_taught_has_no_lesson_loss():
+    given = batch()._replace(lesson=torch.zeros(4, 4, 0, dtype=torch.int64), regret=torch.zeros(4, 4, 0))
+    net = network()
+    assert lesson_loss(net, unroll(net, given.features, given.action), given).item() == 0.0
+
+
+def learned_from(lesson, regret, start, steps=400):
+    """The policy [A] after gradient descent on decisions that the network cannot tell apart."""
+    logits = torch.tensor(start, requires_grad=True)
+    for _ in range(steps):
+        (gradient,) = torch.autograd.grad(told(logits.expand(len(lesson), -1), lesson, regret), logits)
+        with torch.no_grad():
+            logits -= 0.5 * gradient
+    return torch.softmax(logits, -1).detach()
+
+
+def test_the_gradient_lowers_the_regret_of_a_policy_sure_of_a_wrong_action():
+    policy = learned_from([[0, 1, 2]], [[300.0, 0.0, 20.0]], start=[8.0, -2.0, 0.0])
+    assert float(policy @ torch.tensor([300.0, 0.0, 20.0])) < 3.0
+
+
+def test_what_no_sensor_tells_is_averaged_before_choosing():
+    """Worth (0, -100) or (-30, -30) as a coin falls: the second action is the better bet of the two.
+
+    The best action of a row is the first as often as the second, so that a cross-entropy to it alone
+    would be undecided.
+    """
+    policy = learned_from([[0, 1], [0, 1]], [[0.0, 30.0], [70.0, 0.0]], start=[1.0, 0.0])
+    assert policy[1] > 0.8

@@ -5,9 +5,12 @@ import itertools
 import numpy as np
 import pytest
 
-from portnav_ros.muzero.replay import Replay, ReplayParams, Segment
-from portnav_ros.muzero.targets import TargetParams
+from portnav_ros.muzero.replay import Replay, ReplayParams, Sample, Segment, half_mirrored
+from portnav_ros.muzero.targets import TargetParams, Targets
 from portnav_ros.params import ParamError
+from portnav_ros.task.actions import ActionParams
+from portnav_ros.task.mirror import mirror_of
+from portnav_ros.task.observation import ObservationParams
 
 BATCH, FEATURES, ACTIONS = 3, 4, 5
 TARGETS = TargetParams()
@@ -103,3 +106,50 @@ def test_too_few_decisions_are_refused():
 def test_parameters_that_never_learn_are_refused():
     with pytest.raises(ParamError, match='warmup'):
         ReplayParams(capacity=1000, warmup=2000)
+
+
+OBSERVATION = ObservationParams(layout='aligned', ages=(0, 3), sectors=12)
+GRID = ActionParams((-0.4, 0.0, 0.4), (2.0, 5.0))
+
+
+def lessons(count=5, unroll=2):
+    """A sample of random numbers; every other position has no lesson."""
+    rng = np.random.default_rng(0)
+    shape = count, unroll + 1
+    lesson = rng.permuted(np.tile(np.arange(GRID.count), (*shape, 1)), axis=-1)[..., :3]
+    lesson[:, ::2] = -1
+    blank = np.zeros(shape, np.float32)
+    return Sample(
+        features=rng.normal(size=(count, OBSERVATION.size)).astype(np.float16),
+        action=rng.integers(GRID.count, size=(count, unroll)),
+        policy=rng.dirichlet(np.ones(GRID.count), shape).astype(np.float32),
+        targets=Targets(blank[:, 1:], blank, blank[:, 1:], blank, blank),
+        version=np.zeros(count, np.int32),
+        lesson=lesson,
+        regret=rng.uniform(0.0, 100.0, lesson.shape).astype(np.float32),
+    )
+
+
+def test_the_first_half_is_mirrored_and_twice_is_as_before():
+    mirror, sample = mirror_of(OBSERVATION, GRID), lessons()
+    once = half_mirrored(sample, mirror)
+    twice = half_mirrored(once, mirror)
+    for name in ('features', 'action', 'policy', 'lesson', 'regret'):
+        before, after = getattr(sample, name), getattr(once, name)
+        assert after.dtype == before.dtype
+        np.testing.assert_array_equal(after[2:], before[2:], err_msg=name)
+        np.testing.assert_array_equal(getattr(twice, name), before, err_msg=name)
+    assert (once.features[:2] != sample.features[:2]).any(axis=1).all()
+
+
+def test_what_is_said_of_an_action_is_said_of_its_mirror_image():
+    mirror, sample = mirror_of(OBSERVATION, GRID), lessons()
+    once = half_mirrored(sample, mirror)
+    table = GRID.table()
+    turned = table * [-1.0, 1.0]
+    np.testing.assert_array_equal(table[once.action[:2]], turned[sample.action[:2]])
+    np.testing.assert_array_equal(once.policy[:2][..., mirror.action], sample.policy[:2])
+    valued = sample.lesson[:2] >= 0
+    np.testing.assert_array_equal(once.lesson[:2] >= 0, valued)
+    np.testing.assert_array_equal(table[once.lesson[:2][valued]], turned[sample.lesson[:2][valued]])
+    np.testing.assert_array_equal(once.regret, sample.regret)
