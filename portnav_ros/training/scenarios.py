@@ -21,6 +21,7 @@ from portnav_ros.task.env import ScenarioSource
 VALIDATION_SEED = 1_000_000  # the first of the validation worlds
 TESTBEDS = {  # name: the scenario of config/scenarios; walls_only is a difficulty
     'one_buoy': 'one_buoy',
+    'buoy_field': 'buoy_field',
     'head_on': 'slow_head_on',
     'crossing': 'half_crossing',
     'walls_only': '',
@@ -39,7 +40,7 @@ class ScenarioParams:
     """
 
     difficulty: str = 'paper'
-    testbed: Literal['', 'one_buoy', 'head_on', 'crossing', 'walls_only'] = ''
+    testbed: Literal['', 'one_buoy', 'buoy_field', 'head_on', 'crossing', 'walls_only'] = ''
     ports: int = 64
     route: Literal['clearance', 'rrt_star'] = 'clearance'
     validation_route: Literal['difficulty', 'clearance', 'rrt_star'] = 'difficulty'

@@ -54,7 +54,7 @@ def test_without_traffic_nothing_but_path_and_time_counts():
     assert (found.max(axis=1) - found.min(axis=1) < 100.0).all()
 
 
-@pytest.mark.parametrize('name', ['slow_head_on', 'one_buoy', 'half_crossing'])
+@pytest.mark.parametrize('name', ['slow_head_on', 'one_buoy', 'buoy_field', 'half_crossing'])
 def test_the_teacher_avoids_what_line_of_sight_runs_into(name):
     env, teacher = sailing(name, count=6)
     assert (outcomes(env, teacher) == 1).all()

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from portnav_ros.params import ParamError
-from portnav_ros.task.env import TaskParams
+from portnav_ros.task.actions import ActionParams
+from portnav_ros.task.params import TaskParams
 from portnav_ros.training.scenarios import (
     TESTBEDS,
     VALIDATION_SEED,
@@ -62,3 +63,13 @@ def test_validation_repeats_itself():
     )
     first = validation.run(lambda features: np.full(len(features), STRAIGHT))
     assert first == validation.run(lambda features: np.full(len(features), STRAIGHT))
+
+
+@pytest.mark.parametrize('offset', [0.0, 0.17, -0.36, 0.46])
+def test_the_field_of_buoys_is_not_passed_blindly(offset):
+    """A constant course offset keeps a constant distance from the path: 100 m x tan(offset)."""
+    scenarios = validation_scenarios(ScenarioParams(testbed='buoy_field', validation_episodes=100))
+    task = TaskParams(actions=ActionParams((offset,), (5.0,), reference='path', hold=4))
+    result = Validation(scenarios, task).run(lambda features: np.zeros(len(features), int))
+    assert result['success'] < 0.5
+    assert result['collision_buoy'] > 0.5
