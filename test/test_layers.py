@@ -60,6 +60,24 @@ def name_of(file: Path) -> str:
     return str(file.relative_to(ROOT / 'portnav_ros'))
 
 
+def files_of(name: str) -> list[Path]:
+    """The files of this package that importing `name` runs; the last part may be something in a module."""
+    parts = name.split('.')
+    places = [ROOT.joinpath(*parts[:count]) for count in (len(parts) - 1, len(parts))]
+    made = [file for place in places for file in (place.with_suffix('.py'), place / '__init__.py')]
+    return [file for file in made if parts[0] == 'portnav_ros' and file.exists()]
+
+
+def reached_from(file: Path) -> set[Path]:
+    """A file and all of this package that it imports, and they import."""
+    seen, new = {file}, [file]
+    while new:
+        found = {other for name in imported_names(new.pop()) for other in files_of(name)}
+        new += found - seen
+        seen |= found
+    return seen
+
+
 @pytest.mark.parametrize('file', FILES, ids=name_of)
 def test_no_import_points_up(file):
     assert unit(file) in HEIGHT, f'{name_of(file)} has no layer: give it one here'
@@ -77,3 +95,11 @@ def test_heavy_libraries_stay_at_home(file):
         home = home_of(name.partition('.')[0])
         if home:
             assert name_of(file).startswith(home), f'{name_of(file)} imports {name}, which lives in {home}'
+
+
+@pytest.mark.parametrize('node', ['muzero_planner', 'ppo_planner'])
+def test_a_node_that_runs_a_model_loads_no_training(node):
+    reached = reached_from(ROOT / 'portnav_ros' / 'nodes' / f'{node}.py')
+    assert ROOT / 'portnav_ros' / 'muzero' / 'model_file.py' in reached
+    libraries = {name.partition('.')[0] for file in reached for name in imported_names(file)}
+    assert not libraries & {'torch', 'gymnasium', 'stable_baselines3', 'pyproj', 'matplotlib'}
