@@ -198,5 +198,5 @@ def test_another_vessel_is_told_with_its_numbers(path):
 def test_another_sensor_is_refused(path):
     model = load_model(path)
     check_sensor(model, dataclasses.replace(CARD.lidar, noise_m=0.5, drop_out=0.1))
-    with pytest.raises(ModelError, match=r'trained with 90 rays over 123\.0 m, not 180 over 300\.0 m'):
+    with pytest.raises(ModelError, match=r'trained with 90 rays over 123\.0 m, not 180 over 400\.0 m'):
         check_sensor(model, LidarParams())

@@ -54,7 +54,18 @@ def test_equal_seeds_give_equal_bags(short_difficulty, tmp_path, monkeypatch):
 
 def start_demo(folder: Path, difficulty: str, mark: str) -> subprocess.Popen:
     """Start a demo at the pace of the clock and wait until it sails."""
-    words = ('demo', '--difficulty', difficulty, '--seed', '3', '--real-time', '--out', str(folder))
+    words = (
+        'demo',
+        '--planner',
+        'dwa',
+        '--difficulty',
+        difficulty,
+        '--seed',
+        '3',
+        '--real-time',
+        '--out',
+        str(folder),
+    )
     process = subprocess.Popen(
         (sys.executable, '-m', 'portnav_ros', *words),
         stderr=subprocess.PIPE,
