@@ -9,10 +9,10 @@ import numpy as np
 from numba import njit
 
 from portnav_ros.control.autopilot import Gains, steer
-from portnav_ros.geometry import segment_distance_squared
 from portnav_ros.sim.kernels import Chart, buoy_gap, quay_gap, vessel_gap
 from portnav_ros.sim.traffic import Crowd, move_vessels, place_vessels
 from portnav_ros.task.path_errors import advance, path_errors
+from portnav_ros.training.sight import near_buoys, near_walls, vessels_in_sight
 from portnav_ros.types import SURGE, YAW, Array, Array32, BoolArray, IntArray, X, Y
 from portnav_ros.vessel import VesselModel, move_actuators, move_hull
 
@@ -20,7 +20,6 @@ STEP_S = 0.25  # of the hull; the world's own steps are finer
 STEPS = 4  # to a second
 COURSE_S = 4  # between two looks at the path
 FAR_M = 60.0  # up to where gaps to quays are told exactly
-HULL_POINTS = 5  # of a vessel that are looked for
 
 
 class Bounds(NamedTuple):
@@ -134,11 +133,12 @@ def value_actions(
     sizes = np.empty((poses.shape[2], 2))
     walls = np.empty((chart.walls.shape[1], 4))
     buoys = np.empty((chart.buoys.shape[1], 3))
+    reach_m = max(5.5 * bounds.horizon_s + 70.0, bounds.reach_m)
     for n in range(len(vessels)):
         b = vessels[n]
-        near = _near_walls(chart.walls[b, : chart.wall_count[b]], own[b], bounds, walls)
-        buoyed = _near_buoys(chart.buoys[b, : chart.buoy_count[b]], own[b], bounds, buoys)
-        met = _in_sight(
+        near = near_walls(chart.walls[b, : chart.wall_count[b]], own[b], reach_m, walls)
+        buoyed = near_buoys(chart.buoys[b, : chart.buoy_count[b]], own[b], bounds.reach_m, buoys)
+        met = vessels_in_sight(
             poses[b], hulls[b], round(time_s[b]), own[b], walls[:near], bounds.reach_m, seen, sizes
         )
         scene = Scene(walls[:near], buoys[:buoyed], chart.goal[b], sizes[:met], seen[:, :met])
@@ -149,84 +149,6 @@ def value_actions(
                 table[action[n, k]],
             )  # fmt: skip
             value[n, k] = -cost
-
-
-@njit(cache=True, nogil=True)
-def _near_walls(walls: Array, own: Array, bounds: Bounds, near: Array) -> int:
-    reach = max(5.5 * bounds.horizon_s + 70.0, bounds.reach_m)
-    count = 0
-    for e in range(len(walls)):
-        x0, y0, x1, y1 = walls[e]
-        if segment_distance_squared(own[X], own[Y], x0, y0, x1, y1) < reach * reach:
-            near[count] = walls[e]
-            count += 1
-    return count
-
-
-@njit(cache=True, nogil=True)
-def _near_buoys(buoys: Array, own: Array, bounds: Bounds, near: Array) -> int:
-    count = 0
-    for k in range(len(buoys)):
-        if math.hypot(buoys[k, 0] - own[X], buoys[k, 1] - own[Y]) < bounds.reach_m:
-            near[count] = buoys[k]
-            count += 1
-    return count
-
-
-@njit(cache=True, nogil=True)
-def _in_sight(
-    poses: Array,
-    hulls: Array,
-    second: int,
-    own: Array,
-    walls: Array,
-    reach_m: float,
-    seen: Array,
-    sizes: Array,
-) -> int:
-    """Copy the future of the vessels that can be seen; return how many."""
-    last, count = len(poses) - 1, 0
-    for m in range(poses.shape[1]):
-        pose = poses[min(second, last), m]
-        if math.isnan(pose[X]) or not _is_seen(own, pose, hulls[m, 0], walls, reach_m):
-            continue
-        sizes[count] = hulls[m]
-        for k in range(len(seen)):
-            seen[k, count] = poses[min(second + k, last), m]
-        count += 1
-    return count
-
-
-@njit(cache=True, nogil=True)
-def _is_seen(own: Array, pose: Array, length_m: float, walls: Array, reach_m: float) -> bool:
-    """Whether a straight line to some point along a vessel's middle line meets no wall."""
-    cosine, sine = math.cos(pose[YAW]), math.sin(pose[YAW])
-    for k in range(HULL_POINTS):
-        along = 0.48 * length_m * (2.0 * k / (HULL_POINTS - 1) - 1.0)
-        x, y = pose[X] + along * cosine, pose[Y] + along * sine
-        if math.hypot(x - own[X], y - own[Y]) > reach_m:
-            continue
-        hidden = False
-        for e in range(len(walls)):
-            if _crosses(own[X], own[Y], x, y, walls[e]):
-                hidden = True
-                break
-        if not hidden:
-            return True
-    return False
-
-
-@njit(cache=True, nogil=True)
-def _crosses(x0: float, y0: float, x1: float, y1: float, wall: Array) -> bool:
-    dx, dy = x1 - x0, y1 - y0
-    first = dx * (wall[1] - y0) - dy * (wall[0] - x0)
-    second = dx * (wall[3] - y0) - dy * (wall[2] - x0)
-    if first * second > 0.0:
-        return False
-    ex, ey = wall[2] - wall[0], wall[3] - wall[1]
-    third = ex * (y0 - wall[1]) - ey * (x0 - wall[0])
-    fourth = ex * (y1 - wall[1]) - ey * (x1 - wall[0])
-    return third * fourth <= 0.0
 
 
 @njit(cache=True, nogil=True)
