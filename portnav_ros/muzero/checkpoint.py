@@ -10,7 +10,9 @@ from __future__ import annotations
 import io
 import json
 import os
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any, NamedTuple
@@ -75,18 +77,14 @@ class Checkpoints:
         document = self._read_state()
         if document is None:
             return None
-        try:
-            tensors = torch.load(self._folder / document['tensors'], weights_only=True, map_location=device)
-            arrays = read_arrays(self._folder / document['arrays'])
+        with refusing(self._folder / STATE):
+            tensors_file, arrays_file = (self._folder / document[key] for key in ('tensors', 'arrays'))
             self._ranges = [(int(first), int(end)) for first, end in document['replay']]
-            replay.restore(document['written'], (self._read_segment(item) for item in self._ranges))
-        except TrainingError:
-            raise
-        except (OSError, KeyError, ValueError, RuntimeError, BadZipFile, UnpicklingError) as error:
-            reason = str(error).partition('\n')[0]
-            raise TrainingError(
-                f'{self._folder}: the checkpoint is damaged ({reason}); begin a new run with another --out'
-            ) from error
+        with refusing(tensors_file):
+            tensors = torch.load(tensors_file, weights_only=True, map_location=device)
+        arrays = read_arrays(arrays_file)
+        with refusing(self._folder):
+            replay.restore(document['written'], (self._read_segment(item, replay) for item in self._ranges))
         return Saved(arrays, tensors, document['counters'])
 
     def _write_replay(self, replay: Replay) -> list[tuple[int, int]]:
@@ -99,7 +97,7 @@ class Checkpoints:
             write_arrays(self._folder / range_name(item), segment)
         return kept + new
 
-    def _read_segment(self, item: tuple[int, int]) -> tuple[int, Segment]:
+    def _read_segment(self, item: tuple[int, int], replay: Replay) -> tuple[int, Segment]:
         file = self._folder / range_name(item)
         arrays = read_arrays(file)
         other = sorted(arrays.keys() ^ set(Segment._fields))
@@ -108,7 +106,13 @@ class Checkpoints:
                 f'{file}: {", ".join(other)}: the replay of this version has other fields; '
                 'begin a new run with another --out, or resume with the version that began it'
             )
-        return item[0], Segment(**arrays)
+        segment = Segment(**arrays)
+        with refusing(file):
+            for name, array, row in zip(Segment._fields, segment, replay.segment(0, 0), strict=True):
+                expected = (item[1] - item[0], *row.shape[1:])
+                if array.shape != expected:
+                    raise ValueError(f'{name} has shape {array.shape}, expected {expected}')
+        return item[0], segment
 
     def _read_state(self) -> dict[str, Any] | None:
         file = self._folder / STATE
@@ -128,6 +132,35 @@ class Checkpoints:
                 file.unlink()
 
 
+@contextmanager
+def refusing(file: Path) -> Iterator[None]:
+    """Name the file or folder whose content numpy, zip or torch cannot use.
+
+    Raises:
+        TrainingError: it is missing, damaged or of another run.
+    """
+    try:
+        yield
+    except TrainingError:
+        raise
+    except (
+        OSError,
+        LookupError,
+        TypeError,
+        ValueError,
+        RuntimeError,
+        EOFError,
+        BadZipFile,
+        UnpicklingError,
+        zlib.error,
+    ) as error:
+        reason = str(error).partition('\n')[0]
+        raise TrainingError(
+            f'{file}: the checkpoint is damaged or of another run ({type(error).__name__}: {reason}); '
+            'begin a new run with another --out'
+        ) from error
+
+
 def range_name(item: tuple[int, int]) -> str:
     """File of a range of decisions."""
     return f'replay-{item[0]}-{item[1]}.npz'
@@ -144,6 +177,10 @@ def write_arrays(file: Path, arrays: Mapping[str, AnyArray]) -> None:
 
 
 def read_arrays(file: Path) -> dict[str, AnyArray]:
-    """Read arrays by name."""
-    with np.load(file, allow_pickle=False) as content:
+    """Read arrays by name.
+
+    Raises:
+        TrainingError: the file is missing, damaged or no set of arrays.
+    """
+    with refusing(file), np.load(file, allow_pickle=False) as content:
         return {name: content[name] for name in content.files}

@@ -103,13 +103,49 @@ def test_a_kill_while_writing_leaves_the_one_before(tmp_path, monkeypatch):
     assert Checkpoints(tmp_path).load(new_replay(), CPU).counters['steps'] == 2
 
 
-def test_damage_is_named(tmp_path):
+def cut(file):
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+
+
+def empty(file):
+    file.write_bytes(b'')
+
+
+def single(file):
+    with file.open('wb') as stream:
+        np.save(stream, np.zeros(3))
+
+
+def pickled(file):
+    with file.open('wb') as stream:
+        np.savez(stream, array=np.array([print], dtype=object))
+
+
+@pytest.mark.parametrize('damage', [cut, empty, single, pickled, lambda file: file.unlink()])
+@pytest.mark.parametrize('name', ['arrays-1.npz', 'tensors-1.pt', 'replay-0-20.npz'])
+def test_a_damaged_or_foreign_file_is_named(tmp_path, name, damage):
     replay, checkpoints = new_replay(), Checkpoints(tmp_path)
     grow(replay, 20)
     checkpoints.save('1', saved(1), replay)
-    (tmp_path / 'arrays-1.npz').write_bytes(b'nothing')
-    with pytest.raises(TrainingError, match='damaged'):
+    damage(tmp_path / name)
+    with pytest.raises(TrainingError, match=rf'{name}: the checkpoint is damaged .*--out'):
         Checkpoints(tmp_path).load(new_replay(), CPU)
+
+
+@pytest.mark.parametrize(
+    'other', [np.zeros((20, 1, 3)), np.zeros((20, 2, 4)), np.full((20, 2, 3), 'word'), np.zeros((9, 2, 3))]
+)
+def test_arrays_of_another_run_are_named(tmp_path, other):
+    replay, checkpoints = new_replay(), Checkpoints(tmp_path)
+    grow(replay, 20)
+    checkpoints.save('1', saved(1), replay)
+    file = tmp_path / 'replay-0-20.npz'
+    write_arrays(file, read_arrays(file) | {'features': other})
+    with pytest.raises(TrainingError, match='another run'):
+        Checkpoints(tmp_path).load(new_replay(), CPU)
+
+
+def test_a_checkpoint_of_another_schema_is_named(tmp_path):
     (tmp_path / STATE).write_text('{"schema": 99}')
     with pytest.raises(TrainingError, match='schema 99'):
         Checkpoints(tmp_path).load(new_replay(), CPU)
