@@ -157,10 +157,10 @@ class Run:
             network={'hidden': params.learner.hidden},
             training={
                 **job.provenance,
-                **job.provenance,
                 'steps': self.steps,
                 'seed': job.seed,
                 'scenarios': dataclasses.asdict(params.scenarios),
+                'autopilot': dataclasses.asdict(self._example.autopilot),
             },
             evaluation={'split': 'validation', **validation},
             git_commit=str(job.provenance.get('git_commit', 'unknown')),

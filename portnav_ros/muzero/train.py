@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from portnav_ros.muzero.checkpoint import Checkpoints
+from portnav_ros.muzero.checkpoint import Checkpoints, refusing
 from portnav_ros.muzero.inference import NumpyModel
 from portnav_ros.muzero.learner import limit_threads
 from portnav_ros.muzero.loop import Loop, Params
@@ -150,6 +150,7 @@ class Run:
                 'steps': self.loop.steps,
                 'seed': job.seed,
                 'scenarios': dataclasses.asdict(params.scenarios),
+                'autopilot': dataclasses.asdict(self.example.autopilot),
             },
             evaluation={'split': 'validation', **validation},
             git_commit=str(job.provenance.get('git_commit', 'unknown')),
@@ -170,7 +171,8 @@ class Run:
         saved = self.checkpoints.load(self.loop.replay, self.loop.learner.device)
         self.files = RunDirectory.reopen(self.job.out, saved.counters['steps'] if saved else -1)
         if saved is not None:
-            self.loop.restore(saved)
+            with refusing(RunDirectory(self.job.out).checkpoint):
+                self.loop.restore(saved)
             self.best = saved.counters['best']
 
 

@@ -1,7 +1,9 @@
 """Whole runs: killed and resumed to the bit, interrupted, extended; and what the files tell."""
 
+import dataclasses
 import itertools
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,8 +14,9 @@ import pytest
 
 torch = pytest.importorskip('torch')
 
+from portnav_ros.control.autopilot import AutopilotParams  # noqa: E402
 from portnav_ros.muzero.atoms import AtomParams  # noqa: E402
-from portnav_ros.muzero.checkpoint import STATE, read_arrays  # noqa: E402
+from portnav_ros.muzero.checkpoint import STATE, read_arrays, write_arrays  # noqa: E402
 from portnav_ros.muzero.learner import LearnerParams  # noqa: E402
 from portnav_ros.muzero.loop import Loop, Params  # noqa: E402
 from portnav_ros.muzero.model_file import load_model  # noqa: E402
@@ -174,12 +177,22 @@ def test_the_best_model_can_be_read_and_says_what_it_is(whole):
     assert model.card.task == params().task
     assert model.card.discount == pytest.approx(0.997**8)
     assert model.card.evaluation['split'] == 'validation'
+    assert model.card.training['autopilot'] == dataclasses.asdict(AutopilotParams())
 
 
 def test_a_finished_run_has_nothing_left_to_do(whole):
     before = last_checkpoint(whole)
     train(params(), Job(whole, seed=5, resume=True))
     assert_same(before, last_checkpoint(whole))
+
+
+def test_a_checkpoint_with_the_arrays_of_another_run_is_refused_by_name(whole, tmp_path):
+    out = tmp_path / 'foreign'
+    shutil.copytree(whole, out)
+    state, arrays, *_ = last_checkpoint(out)
+    write_arrays(out / 'checkpoint' / state['arrays'], {'features': arrays['features']})
+    with pytest.raises(TrainingError, match=r'checkpoint: .* another run .*KeyError'):
+        train(params(), Job(out, seed=5, resume=True))
 
 
 def test_a_folder_in_use_is_refused(whole):
