@@ -169,7 +169,8 @@ def vessel_misfit(model: Model, vessel: VesselParams) -> str:
     more = f' and {len(differences) - SHOWN} more' if len(differences) > SHOWN else ''
     return (
         f'{model.path}: trained for vessel {model.card.vessel.name}, not {vessel.name} '
-        f'({", ".join(differences[:SHOWN])}{more}); use a model trained for it, or allow_mismatch'
+        f'({", ".join(differences[:SHOWN])}{more}); use a model trained for it or another planner, such as '
+        '--planner dwa, or sail all the same with --allow-mismatch (of a node: allow_mismatch:=true)'
     )
 
 

@@ -192,7 +192,8 @@ def test_another_vessel_is_told_with_its_numbers(path):
     reason = vessel_misfit(load_model(path), load_vessel('cemt_va'))
     assert 'model.safetensors: trained for vessel tug, not cemt_va (length_m 110.0 instead of 31.0' in reason
     assert ' and 7 more); ' in reason
-    assert 'allow_mismatch' in reason
+    assert '--planner dwa' in reason
+    assert '--allow-mismatch (of a node: allow_mismatch:=true)' in reason
 
 
 def test_another_sensor_is_refused(path):
