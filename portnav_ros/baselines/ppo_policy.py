@@ -57,6 +57,11 @@ class PpoPolicy:
         self._layers = _layers(model)
         self._agent = AgentPolicy(task.observation, task.actions, lidar, self._decide)
 
+    @property
+    def decided(self) -> BoolArray:
+        """Vessels [B] (bool) for which the last ``act`` has decided; the others hold what they had."""
+        return self._agent.decided
+
     def reset(self, which: BoolArray) -> None:
         """Forget the vessels [B] (bool)."""
         self._agent.reset(which)

@@ -13,7 +13,7 @@ from portnav_ros.evaluation.planners import EvaluationError, Privileged
 from portnav_ros.sim.scenario import Scenario
 from portnav_ros.sim.world import World
 from portnav_ros.task.observation import ObservationParams, Observer
-from portnav_ros.task.policy import Policy
+from portnav_ros.task.policy import Holding, Policy
 from portnav_ros.types import Array, BoolArray, Outcome
 
 
@@ -53,9 +53,10 @@ class _Fleet:
     def sail(self, waiting: Iterator[Scenario]) -> Iterator[EpisodeLog]:
         world = self._world
         while self._active.any():
-            latency_s, setpoints = self._decide()
+            setpoints, decided, latency_s = self._decide()
             for b in _slots(self._active):
                 self._recordings[b].note(world, b, setpoints[b])
+            for b in _slots(self._active & decided):
                 self._recordings[b].latency_s.append(latency_s)
             world.step(setpoints)
             ended = self._active & (world.outcome != Outcome.RUNNING)
@@ -64,12 +65,15 @@ class _Fleet:
                 yield self._recordings[b].log(world, b)
             self._refill(ended, waiting)
 
-    def _decide(self) -> tuple[float, Array]:
+    def _decide(self) -> tuple[Array, BoolArray, float]:
+        """Setpoints [B, 2]; who has decided [B], not held what it had; and the time of each decision in s."""
         world = self._world
         observation = self._observer.update(world.own, world.ranges, world.setpoint)
         start = time.perf_counter()
         setpoints = self._policy.act(observation)
-        return (time.perf_counter() - start) / int(self._active.sum()), setpoints
+        spent_s = time.perf_counter() - start
+        decided = self._policy.decided if isinstance(self._policy, Holding) else np.ones_like(self._active)
+        return setpoints, decided, spent_s / max(int(decided.sum()), 1)
 
     def _refill(self, ended: BoolArray, waiting: Iterator[Scenario]) -> None:
         fresh = np.zeros_like(ended)

@@ -16,7 +16,8 @@ from portnav_ros.types import Array, Array32, BoolArray, IntArray
 class AgentPolicy:
     """Observes as the agent was trained to, asks it where a decision is due, and holds its setpoints.
 
-    Each vessel decides at its reset and every `ActionParams.hold` periods from there.
+    Each vessel decides at its reset and every `ActionParams.hold` periods from there. decided: [B] (bool),
+    which of them have done so in the last call.
     """
 
     def __init__(
@@ -51,7 +52,7 @@ class AgentPolicy:
     def act(self, observation: Observation) -> Array:
         """Return setpoints [B, 2]."""
         self._begin(observation)
-        due = self._period == 0
+        self.decided = due = self._period == 0
         own, deciding = observation.own, bool(due.any())
         features = self._observer.update(own, observation.ranges, self._setpoints, None, deciding).features
         if deciding:
@@ -67,6 +68,7 @@ class AgentPolicy:
         self._fresh = np.ones(batch, dtype=bool)
         self._period = np.zeros(batch, np.int64)
         self._setpoints = np.zeros((batch, 2))
+        self.decided = np.zeros(batch, dtype=bool)
 
     def _begin(self, observation: Observation) -> None:
         if not self._fresh.any():

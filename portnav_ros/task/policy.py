@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from portnav_ros.types import Array, Array32, BoolArray, IntArray
 
@@ -32,3 +32,12 @@ class Policy(Protocol):
 
     def act(self, observation: Observation) -> Array:
         """Return setpoints [B, 2]: desired heading in rad (map) and surge speed in m/s."""
+
+
+@runtime_checkable
+class Holding(Protocol):
+    """A policy that holds a setpoint for several calls; only some calls decide anew."""
+
+    @property
+    def decided(self) -> BoolArray:
+        """Vessels [B] (bool) for which the last ``act`` has decided."""
