@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import shapely
@@ -18,7 +18,7 @@ from shapely.geometry.polygon import orient
 from portnav_ros.chart_features import Feature, Projection, read_feature
 from portnav_ros.harbour import ChartError, ChartWarning, Harbour
 from portnav_ros.nav2_map import read_nav2_map, write_nav2_map
-from portnav_ros.params import ParamError, check_range, override
+from portnav_ros.params import ParamError, Ranges, check_ranges, override
 from portnav_ros.types import Array
 
 __all__ = ['read_chart', 'read_geojson', 'read_nav2_map', 'write_geojson', 'write_nav2_map']
@@ -41,9 +41,10 @@ class ChartOptions:
     units: Literal['m', 'deg'] = 'deg'
     simplify_m: float = 0.0
     origin_lat_lon_deg: tuple[float, float] | None = None
+    ranges: ClassVar[Ranges] = {'simplify_m': (0.0, 100.0)}
 
     def __post_init__(self) -> None:
-        check_range(self, simplify_m=(0.0, 100.0))
+        check_ranges(self)
         latitude, longitude = self.origin_lat_lon_deg or (0.0, 0.0)
         if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
             raise ParamError('origin_lat_lon_deg: latitude first, within +-90, then longitude, within +-180')

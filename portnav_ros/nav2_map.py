@@ -11,7 +11,7 @@ import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import shapely
@@ -20,7 +20,7 @@ from shapely.geometry import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from portnav_ros.harbour import MAX_CELLS, MAX_WALLS, ChartError, ChartWarning, ClearanceGrid, Harbour
-from portnav_ros.params import ParamError, check_range, override, read_yaml
+from portnav_ros.params import ParamError, Ranges, check_ranges, override, read_yaml
 from portnav_ros.types import Array, BoolArray, IntArray
 
 POOL_CELLS_MIN = 9
@@ -46,15 +46,15 @@ class Nav2MapParams:
     occupied_thresh: float = 0.65
     free_thresh: float = 0.196
     mode: Literal['trinary'] = 'trinary'
+    ranges: ClassVar[Ranges] = {
+        'resolution': (1e-3, 100.0),
+        'negate': (0, 1),
+        'occupied_thresh': (0.0, 1.0),
+        'free_thresh': (0.0, 1.0),
+    }
 
     def __post_init__(self) -> None:
-        check_range(
-            self,
-            resolution=(1e-3, 100.0),
-            negate=(0, 1),
-            occupied_thresh=(0.0, 1.0),
-            free_thresh=(0.0, 1.0),
-        )
+        check_ranges(self)
         if self.free_thresh >= self.occupied_thresh:
             raise ParamError(
                 f'free_thresh = {self.free_thresh} must be below occupied_thresh = {self.occupied_thresh}'

@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import types
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import yaml
 
 T = TypeVar('T')
+Ranges = Mapping[str, tuple[float, float]]  # closed interval of each field that has one
 
 
 class ParamError(ValueError):
@@ -44,35 +45,90 @@ def override(base: T, values: Mapping[str, Any], source: str) -> T:
         source: what to name in an error, usually a file.
 
     Raises:
-        ParamError: an unknown key, a wrong type, or a value that ``__post_init__`` refuses.
+        ParamError: unknown keys, wrong types, values out of range, one line for each; or what
+            ``__post_init__`` refuses.
     """
-    hints = get_type_hints(type(base))
+    if wrong := mistakes(base, values, source):
+        raise ParamError('\n'.join(wrong))
+    hints = _hints(base)
     changes: dict[str, Any] = {}
     for key, value in values.items():
-        if key not in hints:
-            raise ParamError(f'{source}: unknown key {key!r}{_suggest(key, hints)}')
-        current = getattr(base, key)
-        if dataclasses.is_dataclass(current) and isinstance(value, Mapping):
-            changes[key] = override(current, value, f'{source}: {key}')
-        else:
-            changes[key] = _convert(value, hints[key], f'{source}: {key}')
+        current, where = getattr(base, key), f'{source}: {key}'
+        nested = _is_nested(current, value)
+        changes[key] = override(current, value, where) if nested else _convert(value, hints[key], where)
     try:
         return dataclasses.replace(base, **changes)  # type: ignore[type-var]
     except ParamError as error:
         raise ParamError(f'{source}: {error}') from None
 
 
+def mistakes(base: Any, values: Mapping[str, Any], source: str) -> list[str]:
+    """Say what is wrong with each key by itself: unknown, of the wrong type, out of range.
+
+    Takes the arguments of override. What two keys together make wrong is left to ``__post_init__``.
+    """
+    hints = _hints(base)
+    found = []
+    for key, value in values.items():
+        if key not in hints:
+            found.append(f'{source}: unknown key {key!r}{suggest(key, hints)}')
+        elif _is_nested(current := getattr(base, key), value):
+            found += mistakes(current, value, f'{source}: {key}')
+        else:
+            found += _mistake(value, hints[key], ranges_of(base).get(key), source, key)
+    return found
+
+
+def ranges_of(base: Any) -> Ranges:
+    """Return the intervals that a dataclass, or an instance of one, declares as ``ranges``."""
+    return getattr(base, 'ranges', {})
+
+
+def check_ranges(owner: object) -> None:
+    """Raise ParamError unless each field that the class has in ``ranges`` lies inside its closed interval."""
+    check_range(owner, **ranges_of(owner))
+
+
 def check_range(owner: object, **limits: tuple[float, float]) -> None:
-    """Raise ParamError unless each named field lies inside its closed interval."""
+    """Raise ParamError unless each named field lies inside its closed interval.
+
+    For what depends on another field; everything else stands in ``ranges``.
+    """
     for name, (low, high) in limits.items():
         value = getattr(owner, name)
         if not low <= value <= high:
-            raise ParamError(f'{name} = {value!r} is outside [{low}, {high}]')
+            raise ParamError(_outside(name, value, low, high))
 
 
-def _suggest(key: str, known: Mapping[str, Any]) -> str:
-    close = difflib.get_close_matches(str(key), known, n=1)
-    return f'; did you mean {close[0]!r}?' if close else f'; known keys: {", ".join(known)}'
+def suggest(key: object, known: Iterable[str]) -> str:
+    """Return the mend for an unknown key: the closest known one, or else all of them."""
+    names = list(known)
+    close = difflib.get_close_matches(str(key), names, n=1)
+    return f'; did you mean {close[0]!r}?' if close else f'; known keys: {", ".join(names)}'
+
+
+def _hints(base: Any) -> dict[str, Any]:
+    hints = get_type_hints(type(base))
+    return {field.name: hints[field.name] for field in dataclasses.fields(base)}
+
+
+def _mistake(value: Any, hint: Any, interval: tuple[float, float] | None, source: str, key: str) -> list[str]:
+    try:
+        converted = _convert(value, hint, f'{source}: {key}')
+    except ParamError as error:
+        return [str(error)]
+    if interval is None:
+        return []
+    low, high = interval
+    return [] if low <= converted <= high else [f'{source}: {_outside(key, converted, low, high)}']
+
+
+def _outside(name: str, value: Any, low: float, high: float) -> str:
+    return f'{name} = {value!r} is outside [{low}, {high}]'
+
+
+def _is_nested(current: Any, value: Any) -> bool:
+    return dataclasses.is_dataclass(current) and isinstance(value, Mapping)
 
 
 def _convert(value: Any, hint: Any, where: str) -> Any:

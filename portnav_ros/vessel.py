@@ -19,11 +19,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from numba import njit
 
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_ranges
 from portnav_ros.types import RUDDER, SURGE, THRUST, YAW, YAW_RATE, Array, X, Y
 
 MIN_DAMPING_SPEED_MPS = 0.5
@@ -34,40 +34,47 @@ class VesselParams:
     """A vessel preset, as in config/vessels/*.yaml.
 
     The steady turn at full rudder has the radius ``length_m / (turn_gain * rudder_max_rad)``.
+
+    name: of the preset. length_m: of the hull. beam_m: of the hull, at most its length. mass_kg: of the
+    vessel. drag_kg_per_m: k = 1/2 rho c_d A, so that the drag is k s|s|. thrust_max_n: full ahead.
+    thrust_min_n: full astern; 0 for a vessel without reverse thrust. thrust_rate_nps: how fast thrust
+    changes. rudder_max_rad: to either side. rudder_rate_radps: how fast the rudder turns. turn_gain: K,
+    steady yaw rate = K (s / L) rudder. turn_lag: tau, time constant in hull lengths sailed. paper_literal:
+    run the equations as the paper prints them. paper_turn_gain: T of the printed equations, in 1/s^2.
     """
 
     name: str = 'shuttle'
     length_m: float = 20.0
     beam_m: float = 5.0
     mass_kg: float = 90.0e3
-    drag_kg_per_m: float = 1500.0  # k = 1/2 rho c_d A, so that F = k s|s|
+    drag_kg_per_m: float = 1500.0
     thrust_max_n: float = 37.5e3
-    thrust_min_n: float = -18.75e3  # astern; 0 for a vessel without reverse thrust
+    thrust_min_n: float = -18.75e3
     thrust_rate_nps: float = 3.75e3
     rudder_max_rad: float = 0.6108652381980153
     rudder_rate_radps: float = 0.08726646259971647
-    turn_gain: float = 1.1  # K, steady yaw rate = K (s / L) rudder
-    turn_lag: float = 1.0  # tau, time constant in hull lengths sailed
+    turn_gain: float = 1.1
+    turn_lag: float = 1.0
     paper_literal: bool = False
-    paper_turn_gain: float = 0.01  # T of the printed model, 1/s^2
+    paper_turn_gain: float = 0.01
+    ranges: ClassVar[Ranges] = {
+        'length_m': (1.0, 500.0),
+        'beam_m': (0.3, 80.0),
+        'mass_kg': (10.0, 1e9),
+        'drag_kg_per_m': (1e-3, 1e8),
+        'thrust_max_n': (1.0, 1e9),
+        'thrust_min_n': (-1e9, 0.0),
+        'thrust_rate_nps': (1e-3, 1e9),
+        'rudder_max_rad': (0.01, 1.6),
+        'rudder_rate_radps': (1e-3, 10.0),
+        'turn_gain': (1e-3, 100.0),
+        'turn_lag': (1e-3, 100.0),
+        'paper_turn_gain': (1e-6, 100.0),
+    }
 
     def __post_init__(self) -> None:
         """Refuse values that are not a vessel."""
-        check_range(
-            self,
-            length_m=(1.0, 500.0),
-            beam_m=(0.3, 80.0),
-            mass_kg=(10.0, 1e9),
-            drag_kg_per_m=(1e-3, 1e8),
-            thrust_max_n=(1.0, 1e9),
-            thrust_min_n=(-1e9, 0.0),
-            thrust_rate_nps=(1e-3, 1e9),
-            rudder_max_rad=(0.01, 1.6),
-            rudder_rate_radps=(1e-3, 10.0),
-            turn_gain=(1e-3, 100.0),
-            turn_lag=(1e-3, 100.0),
-            paper_turn_gain=(1e-6, 100.0),
-        )
+        check_ranges(self)
         if self.beam_m > self.length_m:
             raise ParamError(f'beam_m = {self.beam_m} exceeds length_m = {self.length_m}')
 

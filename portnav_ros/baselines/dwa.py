@@ -24,14 +24,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from portnav_ros.control.autopilot import PID_SIZE, AutopilotParams, Gains, steer
 from portnav_ros.geometry import TWO_PI, wrap_angle
-from portnav_ros.params import check_range, override, read_yaml
+from portnav_ros.params import Ranges, check_ranges, override, read_yaml
 from portnav_ros.resources import config_path
 from portnav_ros.sim.contact import point_gap
 from portnav_ros.sim.scenario import PATH_SPACING_M
@@ -59,20 +59,20 @@ class DwaParams:
     clearance_weight: float = 0.5
     room_weight: float = 0.5
     speed_weight: float = 0.2
+    ranges: ClassVar[Ranges] = {
+        'horizon_s': (1.0, 600.0),
+        'margin_m': (0.0, 100.0),
+        'goal_ahead_m': (1.0, 5000.0),
+        'room_m': (0.1, 1000.0),
+        'heading_weight': (0.0, 1e3),
+        'clearance_weight': (0.0, 1e3),
+        'room_weight': (0.0, 1e3),
+        'speed_weight': (0.0, 1e3),
+    }
 
     def __post_init__(self) -> None:
         """Refuse an empty horizon and negative weights."""
-        check_range(
-            self,
-            horizon_s=(1.0, 600.0),
-            margin_m=(0.0, 100.0),
-            goal_ahead_m=(1.0, 5000.0),
-            room_m=(0.1, 1000.0),
-            heading_weight=(0.0, 1e3),
-            clearance_weight=(0.0, 1e3),
-            room_weight=(0.0, 1e3),
-            speed_weight=(0.0, 1e3),
-        )
+        check_ranges(self)
 
 
 def load_dwa_params() -> DwaParams:

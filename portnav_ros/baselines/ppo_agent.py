@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -13,7 +13,7 @@ from stable_baselines3.common.logger import Logger
 from torch import nn
 
 from portnav_ros.baselines.ppo_env import PortVecEnv
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_ranges
 from portnav_ros.types import Array32
 
 LOSSES = (
@@ -43,24 +43,24 @@ class PpoParams:
     gradient_clip: float = 0.5
     hidden: tuple[int, ...] = (256, 256)
     reward_scale: float = 0.01
+    ranges: ClassVar[Ranges] = {
+        'environments': (1, 65_536),
+        'rollout': (1, 65_536),
+        'batch': (2, 1_000_000),
+        'epochs': (1, 100),
+        'learning_rate': (1e-7, 1.0),
+        'discount': (0.0, 1.0),
+        'gae_lambda': (0.0, 1.0),
+        'clip': (1e-3, 1.0),
+        'entropy_weight': (0.0, 10.0),
+        'value_weight': (0.0, 10.0),
+        'gradient_clip': (1e-3, 1e3),
+        'reward_scale': (1e-6, 1e3),
+    }
 
     def __post_init__(self) -> None:
         """Refuse values with which nothing can be learned."""
-        check_range(
-            self,
-            environments=(1, 65_536),
-            rollout=(1, 65_536),
-            batch=(2, 1_000_000),
-            epochs=(1, 100),
-            learning_rate=(1e-7, 1.0),
-            discount=(0.0, 1.0),
-            gae_lambda=(0.0, 1.0),
-            clip=(1e-3, 1.0),
-            entropy_weight=(0.0, 10.0),
-            value_weight=(0.0, 10.0),
-            gradient_clip=(1e-3, 1e3),
-            reward_scale=(1e-6, 1e3),
-        )
+        check_ranges(self)
         if not self.hidden or min(self.hidden) < 1:
             raise ParamError(f'hidden = {self.hidden} needs at least one layer of at least one unit')
         if self.environments * self.rollout % self.batch:

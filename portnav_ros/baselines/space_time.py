@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from portnav_ros.baselines.space_time_field import Haste, time_to_go
 from portnav_ros.baselines.space_time_search import Problem, search, traffic_future
 from portnav_ros.harbour import ClearanceGrid
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_ranges
 from portnav_ros.planning.clearance_route import RouteCost, clearance_field
 from portnav_ros.sim.kernels import CHECK_S
 from portnav_ros.sim.scenario import Scenario
@@ -42,19 +42,19 @@ class SpaceTimeParams:
     comfort_m: float = 50.0
     weight: float = 1.0
     cruise: float = 0.9  # speed of the point, as a share of the vessel's
+    ranges: ClassVar[Ranges] = {
+        'margin_m': (0.0, 50.0),
+        'lead_s': (0.0, 120.0),
+        'layer_s': (1.0, 60.0),
+        'resolution_m': (1.0, 100.0),
+        'comfort_m': (0.1, 500.0),
+        'weight': (0.0, 100.0),
+        'cruise': (0.1, 1.0),
+    }
 
     def __post_init__(self) -> None:
         """Refuse an empty search."""
-        check_range(
-            self,
-            margin_m=(0.0, 50.0),
-            lead_s=(0.0, 120.0),
-            layer_s=(1.0, 60.0),
-            resolution_m=(1.0, 100.0),
-            comfort_m=(0.1, 500.0),
-            weight=(0.0, 100.0),
-            cruise=(0.1, 1.0),
-        )
+        check_ranges(self)
         if not (self.heading_change_deg and self.speed_mps and self.tries):
             raise ParamError('heading_change_deg, speed_mps and tries need at least one value each')
 

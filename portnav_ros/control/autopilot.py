@@ -8,12 +8,12 @@ vessel.py the closed loop is tau e'' + (1 + K kd) e' + K kp e = 0 in hull length
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from numba import njit
 
 from portnav_ros.geometry import wrap_angle
-from portnav_ros.params import check_range
+from portnav_ros.params import Ranges, check_ranges
 from portnav_ros.types import SURGE, YAW, YAW_RATE, Array
 from portnav_ros.vessel import VesselModel
 
@@ -24,28 +24,35 @@ MIN_SCHEDULE_SPEED_MPS = 1.0
 
 @dataclass(frozen=True)
 class AutopilotParams:
-    """Gains of the two loops."""
+    """Gains of the two loops.
 
-    heading_kp: float = 1.2  # rad of rudder per rad
-    heading_ki: float = 0.0  # rad of rudder per rad s
-    heading_kd: float = 1.0  # rad of rudder per rad per hull length sailed
-    heading_integral_limit: float = 0.07  # rad of rudder
-    speed_kp: float = 0.2  # 1/s, times the mass
-    speed_ki: float = 0.005  # 1/s^2, times the mass
-    speed_integral_limit: float = 0.2  # share of full thrust
+    heading_kp: rad of rudder for each rad of error. heading_ki: rad of rudder for each rad s of error.
+    heading_kd: rad of rudder for each rad that the heading turns in a hull length sailed.
+    heading_integral_limit: rad of rudder that the integral gives at most. speed_kp: in 1/s, times the mass.
+    speed_ki: in 1/s^2, times the mass. speed_integral_limit: share of full thrust that the integral gives
+    at most.
+    """
+
+    heading_kp: float = 1.2
+    heading_ki: float = 0.0
+    heading_kd: float = 1.0
+    heading_integral_limit: float = 0.07
+    speed_kp: float = 0.2
+    speed_ki: float = 0.005
+    speed_integral_limit: float = 0.2
+    ranges: ClassVar[Ranges] = {
+        'heading_kp': (0.0, 100.0),
+        'heading_ki': (0.0, 100.0),
+        'heading_kd': (0.0, 100.0),
+        'heading_integral_limit': (0.0, 1.0),
+        'speed_kp': (0.0, 100.0),
+        'speed_ki': (0.0, 100.0),
+        'speed_integral_limit': (0.0, 1.0),
+    }
 
     def __post_init__(self) -> None:
         """Refuse negative or absurd gains."""
-        check_range(
-            self,
-            heading_kp=(0.0, 100.0),
-            heading_ki=(0.0, 100.0),
-            heading_kd=(0.0, 100.0),
-            heading_integral_limit=(0.0, 1.0),
-            speed_kp=(0.0, 100.0),
-            speed_ki=(0.0, 100.0),
-            speed_integral_limit=(0.0, 1.0),
-        )
+        check_ranges(self)
 
     def gains(self) -> Gains:
         """Return the constants that the kernels read."""

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_ranges
 from portnav_ros.types import Array, Array32
 
 EPSILON = 0.001
@@ -27,10 +27,11 @@ class AtomParams:
     least: float = -1500.0
     greatest: float = 1500.0
     spacing: Literal['h', 'linear'] = 'h'
+    ranges: ClassVar[Ranges] = {'count': (2, 10_001), 'least': (-1e9, 1e9), 'greatest': (-1e9, 1e9)}
 
     def __post_init__(self) -> None:
         """Refuse fewer than two atoms and an empty range."""
-        check_range(self, count=(2, 10_001), least=(-1e9, 1e9), greatest=(-1e9, 1e9))
+        check_ranges(self)
         if not self.least < self.greatest:
             raise ParamError(f'least = {self.least} must lie below greatest = {self.greatest}')
         if self.spacing not in ('h', 'linear'):

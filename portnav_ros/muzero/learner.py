@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import torch
 from torch import Tensor
@@ -21,7 +21,7 @@ from portnav_ros.muzero.losses import (
 )
 from portnav_ros.muzero.networks import Network
 from portnav_ros.muzero.replay import Sample
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_ranges
 from portnav_ros.training.run_directory import TrainingError
 from portnav_ros.types import Array32
 
@@ -43,18 +43,18 @@ class LearnerParams:
     gradient_clip: float = 5.0
     precision: Literal['float32', 'bfloat16'] = 'float32'
     weights: LossWeights = field(default_factory=LossWeights)
+    ranges: ClassVar[Ranges] = {
+        'batch': (1, 65_536),
+        'unroll': (1, 100),
+        'learning_rate': (0.0, 1.0),
+        'last_rate': (0.0, 1.0),
+        'weight_decay': (0.0, 1.0),
+        'gradient_clip': (1e-6, 1e6),
+    }
 
     def __post_init__(self) -> None:
         """Refuse values with which nothing is learned."""
-        check_range(
-            self,
-            batch=(1, 65_536),
-            unroll=(1, 100),
-            learning_rate=(0.0, 1.0),
-            last_rate=(0.0, 1.0),
-            weight_decay=(0.0, 1.0),
-            gradient_clip=(1e-6, 1e6),
-        )
+        check_ranges(self)
         if self.precision not in ('float32', 'bfloat16'):
             raise ParamError(f'precision = {self.precision!r} must be float32 or bfloat16')
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -13,7 +13,7 @@ from torch.nn import functional
 
 from portnav_ros.muzero.networks import Network
 from portnav_ros.muzero.replay import Sample
-from portnav_ros.params import check_range
+from portnav_ros.params import Ranges, check_ranges
 
 REGRET_SCALE = 10.0  # units of reward
 LESSON_TEMPERATURE = 5.0  # units of reward
@@ -32,10 +32,13 @@ class LossWeights:
     alive: float = 1.0
     lesson: float = 1.0
     worth: float = 0.0
+    ranges: ClassVar[Ranges] = dict.fromkeys(
+        ('policy', 'value', 'reward', 'alive', 'lesson', 'worth'), (0.0, 1e6)
+    )
 
     def __post_init__(self) -> None:
         """Refuse negative weights."""
-        check_range(self, **dict.fromkeys(TERMS, (0.0, 1e6)))
+        check_ranges(self)
 
 
 class Batch(NamedTuple):

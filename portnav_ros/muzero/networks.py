@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -17,7 +17,7 @@ from torch.nn import functional
 
 from portnav_ros.muzero.atoms import AtomParams
 from portnav_ros.muzero.inference import SCAN_KERNEL, SCAN_STRIDE
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_ranges
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,11 @@ class NetworkParams:
     alive: bool = False
     scan_channels: tuple[int, ...] = ()
     scan_shape: tuple[int, int] = (4, 90)
+    ranges: ClassVar[Ranges] = {'latent': (1, 4096)}
 
     def __post_init__(self) -> None:
         """Refuse empty layers."""
-        check_range(self, latent=(1, 4096))
+        check_ranges(self)
         for name in ('represent_hidden', 'dynamics_hidden', 'predict_hidden'):
             if not getattr(self, name) or min(getattr(self, name)) < 1:
                 raise ParamError(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from portnav_ros.muzero.targets import History, TargetParams, Targets, make_targets
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_range, check_ranges
 from portnav_ros.task.mirror import Mirror
 from portnav_ros.types import AnyArray, Array32, IntArray
 
@@ -27,10 +27,12 @@ class ReplayParams:
     warmup: int = 10_000
     samples_per_step: float = 16.0
     precision: Literal['float16', 'float32'] = 'float16'
+    ranges: ClassVar[Ranges] = {'capacity': (100, 1e9), 'samples_per_step': (0.0, 1e4)}
 
     def __post_init__(self) -> None:
         """Refuse a ring that is never full enough."""
-        check_range(self, capacity=(100, 1e9), warmup=(0, self.capacity), samples_per_step=(0.0, 1e4))
+        check_ranges(self)
+        check_range(self, warmup=(0, self.capacity))
         if self.precision not in ('float16', 'float32'):
             raise ParamError(f'precision = {self.precision!r} must be float16 or float32')
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, TypeVar
+from typing import ClassVar, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from portnav_ros.muzero.tree import (
     new_tree,
     plant,
 )
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_range, check_ranges
 from portnav_ros.types import Array32, BoolArray, IntArray
 
 CHUNK = 64  # rows whose trees fit the second level of the cache together
@@ -69,16 +69,26 @@ class SearchParams:
     max_considered: int = 16
     value_scale: float = 0.1
     visit_offset: float = 50.0
+    ranges: ClassVar[Ranges] = {
+        'simulations': (1, 10_000),
+        'c': (1e-6, 1e6),
+        'q_floor': (0.0, math.inf),
+        'dirichlet_fraction': (0.0, 1.0),
+        'dirichlet_alpha': (1e-6, 1e6),
+        'pb_c_init': (0.0, 1e6),
+        'pb_c_base': (1.0, 1e9),
+        'gumbel_scale': (0.0, 1e6),
+        'max_considered': (1, 10_000),
+        'value_scale': (0.0, 1e6),
+        'visit_offset': (0.0, 1e6),
+    }
 
     def __post_init__(self) -> None:
         """Refuse what no search can run with."""
         if self.rule not in RULES:
             raise ParamError(f'rule = {self.rule!r} must be one of {", ".join(RULES)}')
-        check_range(self, simulations=(1, 10_000), c=(1e-6, 1e6), q_floor=(0.0, math.inf))
-        check_range(self, q_ceiling=(max(self.q_floor, 1e-6), math.inf), dirichlet_fraction=(0.0, 1.0))
-        check_range(self, dirichlet_alpha=(1e-6, 1e6), pb_c_init=(0.0, 1e6), pb_c_base=(1.0, 1e9))
-        check_range(self, gumbel_scale=(0.0, 1e6), max_considered=(1, 10_000))
-        check_range(self, value_scale=(0.0, 1e6), visit_offset=(0.0, 1e6))
+        check_ranges(self)
+        check_range(self, q_ceiling=(max(self.q_floor, 1e-6), math.inf))
 
     @property
     def acts_by_policy(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from portnav_ros.muzero.replay import Segment
 from portnav_ros.muzero.search import Search, SearchParams
 from portnav_ros.muzero.targets import RUNNING, TERMINATED, TRUNCATED
 from portnav_ros.muzero.tutor import NOT_TAUGHT, TeachingParams, Tutor
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_ranges
 from portnav_ros.sim.world import DECISION_S
 from portnav_ros.task.env import PortVectorEnv
 from portnav_ros.training.episode_statistics import EpisodeStatistics
@@ -32,10 +32,11 @@ class SelfPlayParams:
     environments: int = 25
     segment: int = 40
     temperature: tuple[float, float] = (0.5, 1.5)
+    ranges: ClassVar[Ranges] = {'environments': (1, 65_536), 'segment': (1, 10_000)}
 
     def __post_init__(self) -> None:
         """Refuse empty batches and a ladder that cannot be climbed."""
-        check_range(self, environments=(1, 65_536), segment=(1, 10_000))
+        check_ranges(self)
         if min(self.temperature) <= 0.0:
             raise ParamError(f'temperature = {self.temperature} must be positive')
 

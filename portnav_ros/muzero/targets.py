@@ -7,12 +7,12 @@ collision is worth its reward alone.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_ranges
 from portnav_ros.types import AnyArray, Array32, IntArray
 
 RUNNING, TERMINATED, TRUNCATED = range(3)  # how a decision left its episode
@@ -31,10 +31,11 @@ class TargetParams:
     returns: Literal['n_step', 'td_lambda'] = 'n_step'
     steps: int = 50
     trace: float = 0.95
+    ranges: ClassVar[Ranges] = {'discount': (0.0, 1.0), 'steps': (1, 10_000), 'trace': (0.0, 1.0)}
 
     def __post_init__(self) -> None:
         """Refuse returns that do not converge."""
-        check_range(self, discount=(0.0, 1.0), steps=(1, 10_000), trace=(0.0, 1.0))
+        check_ranges(self)
         if self.returns not in ('n_step', 'td_lambda'):
             raise ParamError(f'returns = {self.returns!r} must be n_step or td_lambda')
 

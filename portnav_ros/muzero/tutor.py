@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from portnav_ros.muzero.inference import NumpyModel
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_ranges
 from portnav_ros.task.env import PortVectorEnv
 from portnav_ros.training.foresight import Foresight, ForesightParams, best_of, regret_of
 from portnav_ros.types import AnyArray, Array32, BoolArray, IntArray
@@ -42,19 +42,19 @@ class TeachingParams:
     temperature: float = 0.5
     worth_after: int = 0
     foresight: ForesightParams = field(default_factory=ForesightParams)
+    ranges: ClassVar[Ranges] = {
+        'steps': (0, 1e12),
+        'worth_after': (0, 1e12),
+        'share': (0.0, 1.0),
+        'actions': (2, 1000),
+        'follow': (0.0, 1.0),
+        'random': (0.0, 1.0),
+        'temperature': (1e-3, 100.0),
+    }
 
     def __post_init__(self) -> None:
         """Refuse lessons without actions."""
-        check_range(
-            self,
-            steps=(0, 1e12),
-            worth_after=(0, 1e12),
-            share=(0.0, 1.0),
-            actions=(2, 1000),
-            follow=(0.0, 1.0),
-            random=(0.0, 1.0),
-            temperature=(1e-3, 100.0),
-        )
+        check_ranges(self)
 
 
 class Taught(NamedTuple):

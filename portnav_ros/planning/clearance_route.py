@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numba import njit
 
 from portnav_ros.geometry import resample_polyline
 from portnav_ros.harbour import ClearanceGrid, clearance_at
-from portnav_ros.params import check_range
+from portnav_ros.params import Ranges, check_ranges
 from portnav_ros.types import Array, Array32
 
 MAX_ROUNDS = 64
@@ -32,10 +33,11 @@ class RouteCost:
     least_m: float = 25.0
     comfort_m: float = 60.0
     weight: float = 1.0
+    ranges: ClassVar[Ranges] = {'least_m': (0.0, 1000.0), 'comfort_m': (0.1, 5000.0), 'weight': (0.0, 1000.0)}
 
     def __post_init__(self) -> None:
         """Refuse negative distances."""
-        check_range(self, least_m=(0.0, 1000.0), comfort_m=(0.1, 5000.0), weight=(0.0, 1000.0))
+        check_ranges(self)
 
 
 def clearance_field(grid: ClearanceGrid, goal_xy: tuple[float, float], cost: RouteCost) -> Array32:

@@ -9,13 +9,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from ompl import base, geometric, util
 
 from portnav_ros.harbour import ClearanceGrid, Harbour, clearance_at
-from portnav_ros.params import check_range
+from portnav_ros.params import Ranges, check_ranges
 from portnav_ros.planning.plan_space import Ends, PlanError, PlanFailure, PlanSpace, find_ends, prepare
 from portnav_ros.planning.route import segment_clear, shortcut, smooth
 from portnav_ros.types import Array
@@ -33,9 +33,11 @@ class RrtStarParams:
     """How a route is searched.
 
     iterations: spent on every plan. iterations_max: spent at most until a first path is found.
-    range_m: longest edge of the tree. snap_m: how far start and goal may lie from water that the
-    hull clears. turn_radius_m: what corners are widened to where there is room. comfort_m: clearance
-    beyond the hull's that the smoothed path takes where it costs little.
+    range_m: longest edge of the tree. goal_bias: share of the samples that are the goal itself.
+    time_limit_s: after which a search has gone wrong and is ended. resolution_m: cell of the clearance
+    grid. snap_m: how far start and goal may lie from water that the hull clears. turn_radius_m: what
+    corners are widened to where there is room. comfort_m: clearance beyond the hull's that the smoothed
+    path takes where it costs little.
     """
 
     iterations: int = 2000
@@ -47,21 +49,21 @@ class RrtStarParams:
     snap_m: float = 100.0
     turn_radius_m: float = 150.0
     comfort_m: float = 60.0
+    ranges: ClassVar[Ranges] = {
+        'iterations': (1, 100_000_000),
+        'iterations_max': (1, 100_000_000),
+        'range_m': (1.0, 100_000.0),
+        'goal_bias': (0.0, 0.9),
+        'time_limit_s': (0.01, 3600.0),
+        'resolution_m': (0.1, 100.0),
+        'snap_m': (0.0, 1000.0),
+        'turn_radius_m': (0.0, 5000.0),
+        'comfort_m': (0.0, 5000.0),
+    }
 
     def __post_init__(self) -> None:
         """Refuse values with which no search ends."""
-        check_range(
-            self,
-            iterations=(1, 100_000_000),
-            iterations_max=(1, 100_000_000),
-            range_m=(1.0, 100_000.0),
-            goal_bias=(0.0, 0.9),
-            time_limit_s=(0.01, 3600.0),
-            resolution_m=(0.1, 100.0),
-            snap_m=(0.0, 1000.0),
-            turn_radius_m=(0.0, 5000.0),
-            comfort_m=(0.0, 5000.0),
-        )
+        check_ranges(self)
 
 
 def plan_route(

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from portnav_ros.control.autopilot import AutopilotParams
-from portnav_ros.params import ParamError, check_range, override, read_yaml
+from portnav_ros.params import ParamError, Ranges, check_ranges, override, read_yaml
 from portnav_ros.planning.clearance_route import RouteCost
 from portnav_ros.resources import config_path
 from portnav_ros.sim.ports import Interval, PortParams
@@ -29,16 +29,16 @@ class TrafficParams:
     clear_start_m: float = 150.0  # no vessel comes this close to the start ...
     clear_start_s: float = 60.0  # ... during the first seconds
     track: TrackParams = field(default_factory=TrackParams)
+    ranges: ClassVar[Ranges] = {
+        'vessels': (0, 100),
+        'start_gap_m': (0.0, 5000.0),
+        'clear_start_m': (0.0, 5000.0),
+        'clear_start_s': (0.0, 3600.0),
+    }
 
     def __post_init__(self) -> None:
         """Refuse values that are not traffic."""
-        check_range(
-            self,
-            vessels=(0, 100),
-            start_gap_m=(0.0, 5000.0),
-            clear_start_m=(0.0, 5000.0),
-            clear_start_s=(0.0, 3600.0),
-        )
+        check_ranges(self)
         for name in ('length_m', 'length_over_beam', 'speed_mps'):
             low, high = getattr(self, name)
             if not 0.0 < low <= high:
@@ -68,17 +68,17 @@ class Difficulty:
     goal_radius_m: float = 50.0
     time_limit_s: float = 1200.0
     resets_per_port: int = 10
+    ranges: ClassVar[Ranges] = {
+        'rounding_m': (0.0, 5000.0),
+        'start_speed_mps': (0.0, 50.0),
+        'goal_radius_m': (1.0, 5000.0),
+        'time_limit_s': (1.0, 1e6),
+        'resets_per_port': (1, 10_000),
+    }
 
     def __post_init__(self) -> None:
         """Refuse values from which no scenario can be drawn."""
-        check_range(
-            self,
-            rounding_m=(0.0, 5000.0),
-            start_speed_mps=(0.0, 50.0),
-            goal_radius_m=(1.0, 5000.0),
-            time_limit_s=(1.0, 1e6),
-            resets_per_port=(1, 10_000),
-        )
+        check_ranges(self)
         low, high = self.path_length_m
         if not 0.0 <= low < high:
             raise ParamError(f'path_length_m = [{low}, {high}] is not an interval of lengths')

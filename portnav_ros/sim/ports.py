@@ -9,14 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import shapely
 from shapely.geometry import LineString, Polygon, box
 
 from portnav_ros.harbour import ClearanceGrid, Harbour
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_ranges
 from portnav_ros.planning.clearance_route import (
     RouteCost,
     clearance_field,
@@ -64,25 +64,25 @@ class PortParams:
     buoy_spacing_m: float = 80.0
     buoy_spread_m: float = 60.0  # standard deviation off a route between two berths
     passage_m: float = 25.0  # clearance with which every berth stays reachable between the buoys
+    ranges: ClassVar[Ranges] = {
+        'sections': (1, 50),
+        'connector_m': (10.0, 2000.0),
+        'basin_flare_m': (0.0, 1000.0),
+        'berths': (2, 64),
+        'berth_clearance_m': (1.0, 500.0),
+        'berth_mouth_m': (0.0, 5000.0),
+        'berth_spacing_m': (0.0, 5000.0),
+        'buoy_radius_m': (0.1, 50.0),
+        'buoy_clearance_m': (0.0, 1000.0),
+        'buoy_berth_gap_m': (0.0, 1000.0),
+        'buoy_spacing_m': (0.0, 1000.0),
+        'buoy_spread_m': (0.0, 1000.0),
+        'passage_m': (1.0, 500.0),
+    }
 
     def __post_init__(self) -> None:
         """Refuse values from which no port can be drawn."""
-        check_range(
-            self,
-            sections=(1, 50),
-            connector_m=(10.0, 2000.0),
-            basin_flare_m=(0.0, 1000.0),
-            berths=(2, 64),
-            berth_clearance_m=(1.0, 500.0),
-            berth_mouth_m=(0.0, 5000.0),
-            berth_spacing_m=(0.0, 5000.0),
-            buoy_radius_m=(0.1, 50.0),
-            buoy_clearance_m=(0.0, 1000.0),
-            buoy_berth_gap_m=(0.0, 1000.0),
-            buoy_spacing_m=(0.0, 1000.0),
-            buoy_spread_m=(0.0, 1000.0),
-            passage_m=(1.0, 500.0),
-        )
+        check_ranges(self)
         _check_intervals(self)
 
 

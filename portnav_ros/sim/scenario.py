@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from portnav_ros.control.autopilot import AutopilotParams
 from portnav_ros.harbour import Harbour
-from portnav_ros.params import check_range
+from portnav_ros.params import Ranges, check_ranges
 from portnav_ros.types import Array, Array32, IntArray
 from portnav_ros.vessel import VesselParams
 
@@ -29,24 +29,28 @@ class Arrival(IntEnum):
 
 @dataclass(frozen=True)
 class LidarParams:
-    """The ranging sensor: rays over 360 degrees, the first at -pi in the body frame."""
+    """The ranging sensor: rays over 360 degrees, the first at -pi in the body frame.
+
+    rays: of one scan. range_max_m: beyond which nothing returns. range_min_m: below which an echo is too
+    close to be told. noise_m: standard deviation of a range. drop_out: share of rays without a return.
+    """
 
     rays: int = 180
     range_max_m: float = 400.0
     range_min_m: float = 0.5
-    noise_m: float = 0.0  # standard deviation of a range
-    drop_out: float = 0.0  # share of rays without a return
+    noise_m: float = 0.0
+    drop_out: float = 0.0
+    ranges: ClassVar[Ranges] = {
+        'rays': (8, 4096),
+        'range_max_m': (1.0, 5000.0),
+        'range_min_m': (0.0, 100.0),
+        'noise_m': (0.0, 100.0),
+        'drop_out': (0.0, 1.0),
+    }
 
     def __post_init__(self) -> None:
         """Refuse values that no sensor has."""
-        check_range(
-            self,
-            rays=(8, 4096),
-            range_max_m=(1.0, 5000.0),
-            range_min_m=(0.0, 100.0),
-            noise_m=(0.0, 100.0),
-            drop_out=(0.0, 1.0),
-        )
+        check_ranges(self)
 
 
 class Tracks(NamedTuple):

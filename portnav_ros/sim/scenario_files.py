@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from shapely.geometry import Polygon
@@ -13,7 +13,7 @@ from portnav_ros.charts import read_chart
 from portnav_ros.control.autopilot import AutopilotParams
 from portnav_ros.geometry import resample_polyline
 from portnav_ros.harbour import Harbour
-from portnav_ros.params import ParamError, check_range, override, read_yaml
+from portnav_ros.params import ParamError, Ranges, check_ranges, override, read_yaml
 from portnav_ros.planning.clearance_route import RouteCost, clearance_route, round_off
 from portnav_ros.sim.difficulty import load_vessel, preset_path
 from portnav_ros.sim.mission import grid_resolution
@@ -41,10 +41,11 @@ class VesselPlan:
     speed_mps: float = 4.0
     length_m: float = 110.0
     beam_m: float = 11.4
+    ranges: ClassVar[Ranges] = {'speed_mps': (0.0, 50.0), 'length_m': (1.0, 500.0), 'beam_m': (0.3, 80.0)}
 
     def __post_init__(self) -> None:
         """Refuse a vessel that cannot sail."""
-        check_range(self, speed_mps=(0.0, 50.0), length_m=(1.0, 500.0), beam_m=(0.3, 80.0))
+        check_ranges(self)
 
 
 @dataclass(frozen=True)
@@ -55,10 +56,11 @@ class Jitter:
     across_m: float = 0.0  # their waypoints move up to this far to either side
     speed: float = 0.0  # their speeds change by up to this share
     buoys_m: Point = (0.0, 0.0)  # buoys move up to this far along x and y, each way
+    ranges: ClassVar[Ranges] = {'along_m': (0.0, 5000.0), 'across_m': (0.0, 1000.0), 'speed': (0.0, 0.9)}
 
     def __post_init__(self) -> None:
         """Refuse negative spreads."""
-        check_range(self, along_m=(0.0, 5000.0), across_m=(0.0, 1000.0), speed=(0.0, 0.9))
+        check_ranges(self)
         if min(self.buoys_m) < 0.0:
             raise ParamError(f'buoys_m = {self.buoys_m} must not be negative')
 
@@ -88,16 +90,16 @@ class ScenarioFile:
     rounding_m: float = 100.0
     lidar: LidarParams = field(default_factory=LidarParams)
     autopilot: AutopilotParams = field(default_factory=AutopilotParams)
+    ranges: ClassVar[Ranges] = {
+        'start_speed_mps': (0.0, 50.0),
+        'goal_radius_m': (1.0, 5000.0),
+        'time_limit_s': (1.0, 1e6),
+        'rounding_m': (0.0, 5000.0),
+    }
 
     def __post_init__(self) -> None:
         """Refuse values that no scenario has."""
-        check_range(
-            self,
-            start_speed_mps=(0.0, 50.0),
-            goal_radius_m=(1.0, 5000.0),
-            time_limit_s=(1.0, 1e6),
-            rounding_m=(0.0, 5000.0),
-        )
+        check_ranges(self)
 
 
 def load_scenario(name_or_path: str | Path, seed: int = 0) -> Scenario:

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numba import njit
 
 from portnav_ros.geometry import wrap_angle
 from portnav_ros.harbour import ClearanceGrid, Harbour
-from portnav_ros.params import check_range
+from portnav_ros.params import Ranges, check_ranges
 from portnav_ros.planning.clearance_route import (
     RouteCost,
     clearance_field,
@@ -40,18 +41,18 @@ class TrackParams:
     turn_radius_m: float = 150.0
     lead_m: float = 80.0  # look-ahead on the route
     slip_m: float = 15.0  # a berth counts as reached this far abeam
+    ranges: ClassVar[Ranges] = {
+        'clearance_m': (0.0, 500.0),
+        'comfort_m': (0.1, 5000.0),
+        'weight': (0.0, 1000.0),
+        'turn_radius_m': (1.0, 5000.0),
+        'lead_m': (5.0, 1000.0),
+        'slip_m': (0.0, 200.0),
+    }
 
     def __post_init__(self) -> None:
         """Refuse values that no vessel can sail."""
-        check_range(
-            self,
-            clearance_m=(0.0, 500.0),
-            comfort_m=(0.1, 5000.0),
-            weight=(0.0, 1000.0),
-            turn_radius_m=(1.0, 5000.0),
-            lead_m=(5.0, 1000.0),
-            slip_m=(0.0, 200.0),
-        )
+        check_ranges(self)
 
 
 def build_tracks(

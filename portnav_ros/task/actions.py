@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_ranges
 from portnav_ros.types import YAW, Array, IntArray
 
 COURSE = 2  # column of the path errors: heading minus line-of-sight course
@@ -26,6 +26,7 @@ class ActionParams:
     speed_mps: tuple[float, ...] = (1.0, 2.5, 5.0)
     reference: Literal['heading', 'path'] = 'heading'
     hold: int = 1
+    ranges: ClassVar[Ranges] = {'hold': (1, 60)}
 
     def __post_init__(self) -> None:
         """Refuse an empty grid."""
@@ -33,7 +34,7 @@ class ActionParams:
             raise ParamError('heading_change_rad and speed_mps need at least one value each')
         if self.reference not in ('heading', 'path'):
             raise ParamError(f'reference = {self.reference!r} must be heading or path')
-        check_range(self, hold=(1, 60))
+        check_ranges(self)
 
     @property
     def count(self) -> int:

@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_ranges
 from portnav_ros.sim.scenario import PATH_SPACING_M, LidarParams
 from portnav_ros.task.aligned import new_memory, remember
 from portnav_ros.task.observation_rows import Scales, locate, write_aligned_rows, write_stacked_rows
@@ -26,38 +26,43 @@ from portnav_ros.types import YAW, AnyArray, Array, Array32, BoolArray
 class ObservationParams:
     """Shape and scales of the feature vector.
 
-    layout: `stacked` is the paper's, `frames` whole frames one after the other; `aligned` holds scans
-    of the given ages, in decision periods, in the frame of the line-of-sight course.
+    layout: `stacked` is the paper's, whole frames one after the other; `aligned` holds scans of several
+    ages in the frame of the line-of-sight course. frames: of the layout `stacked`. ages: of the scans of
+    the layout `aligned`, in decision periods, from 0 to 120. sectors: into which rays are pooled by their
+    minimum. path_points: ahead on the path. path_point_spacing_m: between them. lookahead_m: of the
+    line-of-sight point b. position_scale_m: of the path errors. speed_scale_mps: of speeds.
+    yaw_rate_scale_radps: of yaw rates. heading_change_scale_rad: of the previous action.
+    remaining_scale_m: of the distance left.
     """
 
     layout: Literal['stacked', 'aligned'] = 'stacked'
     frames: int = 4
     ages: tuple[int, ...] = (0, 2, 5, 10)
-    sectors: int = 60  # rays are pooled into sectors by their minimum
+    sectors: int = 60
     path_points: int = 10
     path_point_spacing_m: float = 30.0
-    lookahead_m: float = 100.0  # of the line-of-sight point b
+    lookahead_m: float = 100.0
     position_scale_m: float = 50.0
     speed_scale_mps: float = 5.0
     yaw_rate_scale_radps: float = 0.05
     heading_change_scale_rad: float = math.pi / 6.0
     remaining_scale_m: float = 1000.0
+    ranges: ClassVar[Ranges] = {
+        'frames': (1, 64),
+        'sectors': (1, 4096),
+        'path_points': (1, 100),
+        'path_point_spacing_m': (1.0, 1000.0),
+        'lookahead_m': (1.0, 1000.0),
+        'position_scale_m': (1e-3, 1e6),
+        'speed_scale_mps': (1e-3, 1e3),
+        'yaw_rate_scale_radps': (1e-6, 1e3),
+        'heading_change_scale_rad': (1e-3, math.pi),
+        'remaining_scale_m': (1.0, 1e6),
+    }
 
     def __post_init__(self) -> None:
         """Refuse empty shapes and zero scales."""
-        check_range(
-            self,
-            frames=(1, 64),
-            sectors=(1, 4096),
-            path_points=(1, 100),
-            path_point_spacing_m=(1.0, 1000.0),
-            lookahead_m=(1.0, 1000.0),
-            position_scale_m=(1e-3, 1e6),
-            speed_scale_mps=(1e-3, 1e3),
-            yaw_rate_scale_radps=(1e-6, 1e3),
-            heading_change_scale_rad=(1e-3, math.pi),
-            remaining_scale_m=(1.0, 1e6),
-        )
+        check_ranges(self)
         if self.layout not in ('stacked', 'aligned'):
             raise ParamError(f'layout = {self.layout!r} must be stacked or aligned')
         if not self.ages or min(self.ages) < 0 or max(self.ages) > 120:

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from portnav_ros.params import check_range
+from portnav_ros.params import Ranges, check_ranges
 from portnav_ros.types import Array, IntArray, Outcome
 
 TERMS = ('e_x', 'e_y', 'e_psi', 'goal', 'collision')
@@ -25,16 +26,16 @@ class RewardParams:
     heading_scale_rad: float = math.pi
     goal: float = 1000.0
     collision: float = -1000.0
+    ranges: ClassVar[Ranges] = {
+        'position_scale_m': (1e-3, 1e6),
+        'heading_scale_rad': (1e-3, 1e3),
+        'goal': (0.0, 1e9),
+        'collision': (-1e9, 0.0),
+    }
 
     def __post_init__(self) -> None:
         """Refuse zero scales."""
-        check_range(
-            self,
-            position_scale_m=(1e-3, 1e6),
-            heading_scale_rad=(1e-3, 1e3),
-            goal=(0.0, 1e9),
-            collision=(-1e9, 0.0),
-        )
+        check_ranges(self)
 
 
 def reward_terms(params: RewardParams, errors: Array, outcome: IntArray) -> Array:

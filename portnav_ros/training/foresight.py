@@ -10,11 +10,11 @@ It works on any state that a learner gets itself into, and takes about 60 us an 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_range, check_ranges
 from portnav_ros.sim.scenario import PATH_SPACING_M
 from portnav_ros.sim.world import World
 from portnav_ros.task.actions import ActionParams
@@ -45,22 +45,22 @@ class ForesightParams:
     comfort_m: float = 25.0
     closeness: float = 3.0
     lookahead_m: float = 100.0
+    ranges: ClassVar[Ranges] = {
+        'horizon_s': (1, 600),
+        'margin_m': (0.0, 100.0),
+        'path_weight': (0.0, 1e3),
+        'haste': (0.0, 1e3),
+        'collision': (0.0, 1e6),
+        'late_share': (0.0, 1.0),
+        'comfort_m': (1.0, 60.0),
+        'closeness': (0.0, 1e3),
+        'lookahead_m': (1.0, 1000.0),
+    }
 
     def __post_init__(self) -> None:
         """Refuse a look ahead that ends before it begins."""
-        check_range(
-            self,
-            horizon_s=(1, 600),
-            margin_m=(0.0, 100.0),
-            path_weight=(0.0, 1e3),
-            haste=(0.0, 1e3),
-            collision=(0.0, 1e6),
-            certain_s=(0.0, self.horizon_s),
-            late_share=(0.0, 1.0),
-            comfort_m=(1.0, 60.0),
-            closeness=(0.0, 1e3),
-            lookahead_m=(1.0, 1000.0),
-        )
+        check_ranges(self)
+        check_range(self, certain_s=(0.0, self.horizon_s))
         rising = all(a < b for a, b in zip(self.holds_s, self.holds_s[1:], strict=False))
         if not self.holds_s or not rising or self.holds_s[0] < 1 or self.holds_s[-1] > self.horizon_s:
             raise ParamError(f'holds_s = {self.holds_s} must rise from 1 to horizon_s = {self.horizon_s}')

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from portnav_ros.params import check_range
+from portnav_ros.params import Ranges, check_ranges
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,8 @@ class Job:
     device: str = 'cpu'
     threads: int = 1
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    ranges: ClassVar[Ranges] = {'seed': (0, 2**31), 'threads': (1, 1024)}
 
     def __post_init__(self) -> None:
         """Refuse a negative seed and no thread at all."""
-        check_range(self, seed=(0, 2**31), threads=(1, 1024))
+        check_ranges(self)

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_ranges
 from portnav_ros.sim.difficulty import Difficulty, load_difficulty
 from portnav_ros.sim.generator import ScenarioPool, make_scenario
 from portnav_ros.sim.scenario import Scenario
@@ -45,10 +45,11 @@ class ScenarioParams:
     route: Literal['clearance', 'rrt_star'] = 'clearance'
     validation_route: Literal['difficulty', 'clearance', 'rrt_star'] = 'difficulty'
     validation_episodes: int = 200
+    ranges: ClassVar[Ranges] = {'ports': (1, 10_000), 'validation_episodes': (1, VALIDATION_SEED)}
 
     def __post_init__(self) -> None:
         """Refuse a pool without ports and an unknown test bed."""
-        check_range(self, ports=(1, 10_000), validation_episodes=(1, VALIDATION_SEED))
+        check_ranges(self)
         if self.testbed not in ('', *TESTBEDS):
             raise ParamError(f'testbed = {self.testbed!r} is none of {", ".join(TESTBEDS)}')
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
-from portnav_ros.params import check_range
+from portnav_ros.params import Ranges, check_ranges
 
 LINES, VALIDATIONS = 20, 8  # of a short run, at least
 
@@ -17,12 +18,16 @@ class ScheduleParams:
     log_every: int = 20_000
     validate_every: int = 250_000
     save_every: int = 250_000
+    ranges: ClassVar[Ranges] = {
+        'steps': (1, 1e12),
+        'log_every': (1, 1e12),
+        'validate_every': (0, 1e12),
+        'save_every': (0, 1e12),
+    }
 
     def __post_init__(self) -> None:
         """Refuse intervals that cannot be."""
-        check_range(
-            self, steps=(1, 1e12), log_every=(1, 1e12), validate_every=(0, 1e12), save_every=(0, 1e12)
-        )
+        check_ranges(self)
 
     def with_curves(self) -> ScheduleParams:
         """The same schedule, with intervals that make a curve of a short run too.
