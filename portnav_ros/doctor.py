@@ -11,13 +11,13 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Literal, NamedTuple
 
 from portnav_ros import __version__
+from portnav_ros.findings import Finding, show
 from portnav_ros.params import ParamError
-from portnav_ros.resources import config_path
+from portnav_ros.resources import config_path, model_path
 
 LIBRARIES = {
     'numpy': 'numpy',
@@ -42,15 +42,6 @@ DOMAIN_ID_SAFE, DOMAIN_ID_MOST = 101, 232
 DISCOVERY_RANGES = ('LOCALHOST', 'SUBNET', 'OFF', 'SYSTEM_DEFAULT')
 
 
-class Finding(NamedTuple):
-    """What one check saw, and how to mend it where it is not ok."""
-
-    check: str
-    status: Literal['ok', 'warn', 'fail']
-    found: str
-    mend: str = ''
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare --json."""
     parser.add_argument(
@@ -60,15 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print one line per check; returns 1 if any failed, else 0."""
-    findings = examine(os.environ)
-    text = json.dumps([finding._asdict() for finding in findings], indent=2)
-    if arguments.json == '-':
-        print(text)
-    else:
-        if arguments.json:
-            Path(arguments.json).write_text(text + '\n', encoding='utf-8')
-        print('\n'.join(_table(findings)))
-    return 1 if any(finding.status == 'fail' for finding in findings) else 0
+    return show(examine(os.environ), 'ready to sail', arguments.json)
 
 
 def examine(environment: Mapping[str, str]) -> list[Finding]:
@@ -77,6 +60,7 @@ def examine(environment: Mapping[str, str]) -> list[Finding]:
         check_python(sys.version_info[:2]),
         *(check_library(module, name) for module, name in LIBRARIES.items()),
         check_data(config_path),
+        *check_models(model_path),
         check_kernel_cache(Path(__file__).parent, environment),
         check_ros_distro(environment),
         check_domain(environment),
@@ -112,6 +96,37 @@ def check_data(find: Callable[..., Path]) -> Finding:
         return Finding('data files', 'ok', str(find('difficulties').parent))
     except ParamError as error:
         return Finding('data files', 'fail', str(error), 'install the package again, or clone all of it')
+
+
+def check_models(find: Callable[..., Path]) -> list[Finding]:
+    """Released models are there and whole, and this version can sail with them."""
+    mend = 'clone all of it, or train one with `portnav train`; the other planners need none'
+    try:
+        folder = find()
+    except ParamError as error:
+        return [Finding('model', 'warn', str(error), mend)]
+    files = sorted(folder.glob('*.safetensors'))
+    return [check_model(file) for file in files] or [Finding('model', 'warn', f'none in {folder}', mend)]
+
+
+def check_model(file: Path) -> Finding:
+    """Weights and card belong together and make a policy for the sensor they were trained with."""
+    check = f'model {file.stem}'
+    try:
+        from portnav_ros.baselines.ppo_policy import PpoPolicy  # a library may be missing
+        from portnav_ros.muzero.model_file import load_model
+        from portnav_ros.muzero.policy import MuZeroPolicy
+
+        model = load_model(file)
+        make = MuZeroPolicy if model.card.algorithm == 'muzero' else PpoPolicy
+        make(model, model.card.lidar)
+    except Exception as error:  # a broken binary wheel raises anything
+        mend = (
+            f'take {file.name} and its card again from a clone of this version, once the libraries are there'
+        )
+        return Finding(check, 'fail', str(error), mend)
+    card = model.card
+    return Finding(check, 'ok', f'{card.algorithm} for {card.vessel.name}, sha256 {model.sha256[:12]}')
 
 
 def check_kernel_cache(package: Path, environment: Mapping[str, str]) -> Finding:
@@ -223,12 +238,3 @@ def _has_distribution(name: str) -> bool:
 def _last_line(text: str) -> str:
     lines = text.strip().splitlines()
     return lines[-1] if lines else ''
-
-
-def _table(findings: list[Finding]) -> Iterator[str]:
-    for finding in findings:
-        yield f'{finding.status:4}  {finding.check:13}  {finding.found}'
-        if finding.mend:
-            yield f'      {"":13}  -> {finding.mend}'
-    bad = [finding.check for finding in findings if finding.status == 'fail']
-    yield f'\n{len(bad)} to mend: {", ".join(bad)}' if bad else '\nready to sail'

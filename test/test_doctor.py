@@ -1,18 +1,20 @@
 import json
 import os
+import shutil
 from pathlib import Path
 
 import pytest
 
 from portnav_ros import cli, doctor
 from portnav_ros.params import ParamError
+from portnav_ros.resources import model_path
 
 
 def test_this_installation_is_fit_to_sail(tmp_path, capsys):
     file = tmp_path / 'doctor.json'
     assert cli.main(['doctor', '--json', str(file)]) == 0
     findings = json.loads(file.read_text(encoding='utf-8'))
-    assert {'python', 'numpy', 'ompl', 'data files', 'round trip'} <= {
+    assert {'python', 'numpy', 'ompl', 'data files', 'model muzero', 'round trip'} <= {
         finding['check'] for finding in findings
     }
     assert all(finding['status'] == 'ok' or finding['mend'] for finding in findings)
@@ -48,6 +50,34 @@ def test_missing_data():
         raise ParamError('difficulties: no such file')
 
     assert doctor.check_data(find).status == 'fail'
+
+
+def test_the_released_model_is_whole():
+    (finding,) = doctor.check_models(model_path)
+    assert (finding.check, finding.status) == ('model muzero', 'ok')
+    assert 'sha256' in finding.found
+
+
+@pytest.mark.parametrize(
+    ('damage', 'reason'),
+    [
+        (lambda folder: (folder / 'muzero.json').unlink(), 'no card to the model'),
+        (lambda folder: (folder / 'muzero.safetensors').write_bytes(b'x'), 'sha256'),
+        (lambda folder: (folder / 'muzero.json').write_text('{"schema": 9}'), 'schema 9'),
+    ],
+)
+def test_a_damaged_model_is_named(tmp_path, damage, reason):
+    for file in model_path().iterdir():
+        shutil.copy(file, tmp_path)
+    damage(tmp_path)
+    (finding,) = doctor.check_models(lambda: tmp_path)
+    assert (finding.status, reason in finding.found) == ('fail', True)
+    assert 'take muzero.safetensors and its card again' in finding.mend
+
+
+def test_no_model_is_a_warning(tmp_path):
+    (finding,) = doctor.check_models(lambda: tmp_path)
+    assert (finding.status, str(tmp_path) in finding.found) == ('warn', True)
 
 
 def test_kernel_cache(tmp_path, monkeypatch):

@@ -10,7 +10,7 @@ FILES = sorted((ROOT / 'portnav_ros').rglob('*.py'))
 
 LAYERS = (
     {'__init__'},
-    {'geometry', 'types', 'params', 'resources'},
+    {'geometry', 'types', 'params', 'resources', 'findings'},
     {'harbour', 'charts', 'chart_features', 'nav2_map', 'vessel'},
     {'planning', 'control'},
     {'sim'},
