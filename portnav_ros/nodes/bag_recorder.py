@@ -67,6 +67,9 @@ class BagRecorder(PortNode[RecorderParams]):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('bag_recorder', RecorderParams(), **options)
+
+    def configure(self) -> None:
+        """Open the bag and listen; from here on nothing is lost."""
         params = self.params
         topics = [topic for topic in TOPICS.values() if topic.recorded]
         self._queues = [self._queue(number, topic) for number, topic in enumerate(topics)]
@@ -105,15 +108,22 @@ class BagRecorder(PortNode[RecorderParams]):
         return Health(values={'messages': self._recording.written, 'publishers': publishers})
 
     def spin(self) -> None:
-        """Record until it is to stop, take what is still in the queues and close the bag."""
-        executor = SingleThreadedExecutor()
+        """Record until it is to stop."""
+        executor = SingleThreadedExecutor(context=self.context)
         executor.add_node(self)
-        while not self._stopped:
-            self.tick()
+        while not self.ended:
+            if self.active:
+                self.tick()
             executor.spin_once(timeout_sec=0.0)
             time.sleep(POLL_S)
+
+    def deactivate(self) -> None:
+        """Take what is still in the queues."""
         while self.tick():
             pass
+
+    def cleanup(self) -> None:
+        """Close the bag."""
         self._recording.close()
         self.tick()
         self.get_logger().info(f'{self._recording.written} messages recorded')

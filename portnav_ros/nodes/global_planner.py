@@ -86,14 +86,13 @@ class GlobalPlanner(PortNode[GlobalPlannerParams]):
 
     def __init__(self, **options: object) -> None:
         super().__init__('global_planner', GlobalPlannerParams(), **options)
+
+    def configure(self) -> None:
+        """Read the chart, start the planning process, and speak and listen."""
         if not self.params.chart:
             raise ParamError('global_planner: parameter chart is missing: give it as -p chart:=FILE')
         harbour = read_chart(self.params.chart)
         self.worker = PlanWorker(harbour, self.params.rrt_star, self.params.hull_clearance_m)
-        self._goals: list[Point] = []
-        self._odometry: Odometry | None = None
-        self._itinerary: Itinerary | None = None
-        self._outcome = Health(text='no goal yet')
         self._plan = self.publisher('plan')
         self._map = self.publisher('map')
         self.subscribe('odom', self._on_odometry)
@@ -101,19 +100,30 @@ class GlobalPlanner(PortNode[GlobalPlannerParams]):
         self.subscribe('goal_poses', self._on_goals)
         self._service = self.create_service(GetPlan, '~/get_plan', self._on_request)
         self._service.send_response = self._answer_later
-        grid = harbour.clearance(self.params.rrt_star.resolution_m, 'charted')
-        self._map.publish(occupancy_message(grid, 0))
+        self._chart = occupancy_message(harbour.clearance(self.params.rrt_star.resolution_m, 'charted'), 0)
         self.worker.ready.result()
+
+    def activate(self) -> None:
+        """Publish the map; there is no goal yet."""
+        self._goals: list[Point] = []
+        self._odometry: Odometry | None = None
+        self._itinerary: Itinerary | None = None
+        self._outcome = Health(text='no goal yet')
+        self._map.publish(self._chart)
+
+    def deactivate(self) -> None:
+        """Give up what is being planned."""
+        if self._itinerary is not None:
+            self._itinerary.cancel()
+
+    def cleanup(self) -> None:
+        """End the planning process."""
+        self.worker.close()
 
     def health(self) -> Health:
         """Report the outcome of the last plan and how often the process had to be started."""
         values = {'process_starts': self.worker.starts, 'planning': self._itinerary is not None}
         return self._outcome._replace(values={**self._outcome.values, **values})
-
-    def destroy_node(self) -> None:
-        """End the planning process, too."""
-        self.worker.close()
-        super().destroy_node()
 
     def _on_odometry(self, message: Odometry) -> None:
         self._odometry = message
@@ -157,7 +167,7 @@ class GlobalPlanner(PortNode[GlobalPlannerParams]):
     def _soon(self, callback: Callable[..., None], *arguments: Any) -> None:
         """Hand over from the worker's thread; a node that is about to go has no executor any more."""
         if (executor := self.executor) is not None:
-            executor.create_task(callback, *arguments)
+            executor.create_task(lambda: callback(*arguments) if self.active else None)
 
     def _publish(self, itinerary: Itinerary) -> None:
         if itinerary is self._itinerary:
@@ -186,6 +196,8 @@ class GlobalPlanner(PortNode[GlobalPlannerParams]):
         self.report_health()
 
     def _on_request(self, request: GetPlan.Request, _: GetPlan.Response) -> Itinerary | None:
+        if not self.active:
+            return None
         try:
             ends = [read_pose(request.start)[:2], read_pose(request.goal)[:2]]
         except MessageError as error:

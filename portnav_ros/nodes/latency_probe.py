@@ -42,6 +42,9 @@ class LatencyProbe(PortNode[ProbeParams]):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, ProbeParams(), **options)
+
+    def configure(self) -> None:
+        """Listen."""
         self._heard: dict[str, dict[int, list[float]]] = {}
         for topic in ('scan', 'odom', 'setpoint', 'cmd_actuators'):
             times = self._heard[topic] = defaultdict(list)

@@ -83,23 +83,36 @@ class LocalPlanner(PortNode[PlannerParams]):
         **options: Any,
     ) -> None:
         super().__init__(name, defaults or PlannerParams(), **options)
+        self._make_policy = make_policy
+
+    def configure(self) -> None:
+        """Make the policy and compile it, and speak and listen."""
         params = self.params
         self._period_ns, self._age_ns = nanoseconds(params.period_s), nanoseconds(params.age_s)
         self._observer = Observer(1, params.lidar, params.observation)
         self.get_logger().info('preparing the planner; the first start compiles kernels, up to a minute')
-        self._policy = make_policy(params)
+        self._policy = self._make_policy(params)
         self._warm_up()
         self._path: Array | None = None
-        self._forget()
         self._message = new_setpoint()
         self._setpoints = self.publisher('setpoint_raw')
         self._states = self.publisher('navigation_state')
-        self.subscribe('plan', self._take_plan)
+        self.subscribe('plan', self._take_plan, always=True)
         unwanted = self._between_decisions if self.lock_step else None
         self.subscribe('odom', self._take_odometry, unwanted)
         self.subscribe('scan', self._take_scan, unwanted)
         self.subscribe('joint_states', self._take_joints, unwanted)
         self.timer(WATCH_S, self._watch)
+
+    def activate(self) -> None:
+        """Know nothing yet but the plan."""
+        self._forget()
+
+    def deactivate(self) -> None:
+        """Stop the vessel; in lock-step there is nobody to heed it."""
+        if self._time_ns >= 0 and not self.lock_step:
+            self._reason = 'the planner was deactivated'
+            self._stop()
 
     def health(self) -> Health:
         """Tell why the vessel is being stopped, and how long a decision takes."""
@@ -156,9 +169,10 @@ class LocalPlanner(PortNode[PlannerParams]):
         if self._path is not None and np.array_equal(path, self._path):
             return
         self._path = path
-        self._begin_path()
-        self._due_ns = 0
-        self._decide_if_due()
+        if self.active:
+            self._begin_path()
+            self._due_ns = 0
+            self._decide_if_due()
 
     def _take_odometry(self, message: Odometry) -> None:
         state, time_ns = read_odometry(message), read_stamp(message.header.stamp)

@@ -58,6 +58,10 @@ class MuZeroPlanner(LocalPlanner):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, make_policy, MuZeroParams(), **options)
+
+    def configure(self) -> None:
+        """Load the model and compile its search."""
+        super().configure()
         self._policy.best_track(np.zeros(STATE_SIZE), np.eye(2))  # compiles
         self._policy.reset(EVERYONE)
         self._markers = self.publisher('markers')

@@ -71,12 +71,13 @@ class PidController(PortNode[PidParams]):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, PidParams(), **options)
+
+    def configure(self) -> None:
+        """Compile the autopilot, and speak and listen."""
         self._gains, self._model = self.params.autopilot.gains(), self.params.vessel.model()
         self._own, self._memory = np.zeros(STATE_SIZE), np.zeros(PID_SIZE)
         self._period_ns = nanoseconds(self.params.planner_period_s)
         self._setpoint_age_ns = nanoseconds(self.params.setpoint_age_s)
-        self._forget()
-        self._stop_reason = 'no odometry yet'
         self.get_logger().info('the first start compiles the autopilot, a few seconds')
         steer(self._gains, self._model, np.zeros(PID_SIZE), self._own, 0.0, 0.0, self.params.period_s)
         self._message = new_joints()
@@ -84,6 +85,16 @@ class PidController(PortNode[PidParams]):
         self.subscribe('odom', self._take_odometry)
         self.subscribe('setpoint', self._take_setpoint)
         self.timer(WATCH_S, self._watch)
+
+    def activate(self) -> None:
+        """Know nothing yet."""
+        self._forget()
+        self._stop_reason = 'no odometry yet'
+
+    def deactivate(self) -> None:
+        """Leave the actuators neutral."""
+        if self._time_ns >= 0:
+            self._publish_neutral()
 
     def health(self) -> Health:
         """Tell why the vessel is being stopped, if it is."""
@@ -148,9 +159,12 @@ class PidController(PortNode[PidParams]):
         silent = self._time_ns >= 0 and time.monotonic() - self._heard_s > self.params.odom_age_s
         if silent and not self.lock_step:
             self._stop_reason = 'odometry too old: actuators neutral'
-            self._command = NEUTRAL
-            fill_joints(self._message, self._time_ns, NEUTRAL)
-            self._commands.publish(self._message)
+            self._publish_neutral()
+
+    def _publish_neutral(self) -> None:
+        self._command = NEUTRAL
+        fill_joints(self._message, self._time_ns, NEUTRAL)
+        self._commands.publish(self._message)
 
 
 def limited(command: Actuation, last: Actuation, vessel: VesselParams, step_s: float) -> Actuation:

@@ -43,6 +43,10 @@ class PpoPlanner(LocalPlanner):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, make_policy, PpoPlannerParams(), **options)
+
+    def configure(self) -> None:
+        """Load the model."""
+        super().configure()
         self.get_logger().info(self._policy.model.label)
 
     def health(self) -> Health:

@@ -1,4 +1,7 @@
-"""What every node shares: parameters, guarded subscriptions, diagnostics, executor and exit codes."""
+"""What every node shares: parameters, guarded subscriptions, diagnostics, executor and exit codes.
+
+States and transitions are in lifecycle.py.
+"""
 
 from __future__ import annotations
 
@@ -18,18 +21,18 @@ from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.experimental import EventsExecutor
-from rclpy.node import Node
-from rclpy.publisher import Publisher
+from rclpy.lifecycle import LifecyclePublisher
+from rclpy.parameter import Parameter
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
-from rclpy.task import Future
 
 from portnav_ros.harbour import ChartError
 from portnav_ros.muzero import ModelError
 from portnav_ros.nodes import status_pipe
+from portnav_ros.nodes.lifecycle import AUTOSTART, ManagedNode
 from portnav_ros.nodes.messages import MessageError, peek_stamp, status_message
 from portnav_ros.nodes.parameters import declare
 from portnav_ros.nodes.topics import TOPICS, asked_qos, offered_qos
@@ -61,8 +64,11 @@ class Health(NamedTuple):
     values: Mapping[str, object] = MappingProxyType({})
 
 
-class PortNode(Node, Generic[P]):
-    """A node with parameters P, which speaks the topics of the table and reports its health at 1 Hz.
+class PortNode(ManagedNode, Generic[P]):
+    """A managed node with parameters P, which speaks the topics of the table and reports its health at 1 Hz.
+
+    Publishers, subscriptions and timers are made in configure() and do nothing unless the node is active;
+    the diagnostics are published in every state.
 
     Args:
         name: of the node.
@@ -75,21 +81,25 @@ class PortNode(Node, Generic[P]):
 
     def __init__(self, name: str, defaults: P, **options: Any) -> None:
         super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
+        self.autostart = self._take_autostart()
         self.params: P = declare(self, defaults)
+        self.declare_parameter(AUTOSTART, self.autostart, ignore_override=True)
         self.lock_step = bool(getattr(self.params, 'lock_step', False))
         self.exit_code = Exit.OK
         self.refused: Counter[str] = Counter()
-        self._done, self._stopped = Future(), False
         self._reasons: dict[str, str] = {}
         self._mismatched: dict[str, str] = {}
-        self._owned: list[Publisher] = []
-        self._diagnostics = self.publisher('diagnostics')
-        self.timer(DIAGNOSTICS_PERIOD_S, self.report_health)
+        self._diagnostics = self._publisher('diagnostics', self.create_publisher)
+        self._every(DIAGNOSTICS_PERIOD_S, self.report_health)
 
-    def publisher(self, topic: str) -> Publisher:
-        """Return a publisher of a topic of the table."""
+    def publisher(self, topic: str) -> LifecyclePublisher:
+        """Return a publisher of a topic of the table; it is silent unless the node is active."""
+        publisher: LifecyclePublisher = self._publisher(topic, self.create_lifecycle_publisher)
+        return publisher
+
+    def _publisher(self, topic: str, create: Callable[..., Any]) -> Any:
         row = TOPICS[topic]
-        publisher = self.create_publisher(
+        return create(
             row.type,
             row.name,
             offered_qos(row, self.lock_step),
@@ -98,14 +108,13 @@ class PortNode(Node, Generic[P]):
             ),
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
-        self._owned.append(publisher)
-        return publisher
 
     def subscribe(
         self,
         topic: str,
         callback: Callable[[Any], None],
         unwanted: Callable[[int], bool] | None = None,
+        always: bool = False,
     ) -> Subscription:
         """Subscribe to a topic of the table.
 
@@ -113,10 +122,13 @@ class PortNode(Node, Generic[P]):
             topic: its name.
             callback: takes a message; one for which it raises MessageError is refused and counted.
             unwanted: is told the stamp in ns and may have the message dropped unread, which is much cheaper.
+            always: take messages in state inactive, too: a latched one does not come again.
         """
         row = TOPICS[topic]
 
         def guarded(message: Any) -> None:
+            if not (self.active or always):
+                return
             try:
                 callback(message)
             except MessageError as error:
@@ -139,8 +151,19 @@ class PortNode(Node, Generic[P]):
         )
 
     def timer(self, period_s: float, callback: Callable[[], None]) -> None:
-        """Call back at a period of the steady clock, which no simulation stops."""
+        """Call back, while active, at a period of the steady clock, which no simulation stops."""
+        self._every(period_s, lambda: callback() if self.active else None)
+
+    def _every(self, period_s: float, callback: Callable[[], None]) -> None:
         self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _take_autostart(self) -> bool:
+        autostart = self.get_parameter_or(AUTOSTART, Parameter(AUTOSTART, value=True)).value
+        if not isinstance(autostart, bool):
+            raise ParamError(f'{self.get_name()}: parameters: {AUTOSTART}: expected true or false')
+        if self.has_parameter(AUTOSTART):
+            self.undeclare_parameter(AUTOSTART)  # which leaves the others to declare()
+        return autostart
 
     def refuse(self, topic: str, reason: str) -> None:
         """Count a message that cannot be used; the first of each kind is logged."""
@@ -150,13 +173,14 @@ class PortNode(Node, Generic[P]):
         self._reasons[topic] = reason
 
     def health(self) -> Health:
-        """Return the node's own part of the diagnostics."""
+        """Return the node's own part of the diagnostics; asked for while the node is active."""
         return Health()
 
     def report_health(self) -> None:
         """Publish the diagnostics."""
-        level, text, values = self.health()
-        values = {**values, **{f'refused_{topic}': count for topic, count in self.refused.items()}}
+        level, text, values = self.health() if self.active else Health(text=self.state)
+        counts = {f'refused_{topic}': count for topic, count in self.refused.items()}
+        values = {**values, 'state': self.state, **counts}
         if self.refused and level == DiagnosticStatus.OK:
             level, text = DiagnosticStatus.WARN, f'messages refused: {self._reasons}'
         if self._mismatched:
@@ -180,22 +204,18 @@ class PortNode(Node, Generic[P]):
         executor = EventsExecutor(context=self.context)
         executor.add_node(self)
         try:
-            while self.context.ok() and not self._stopped and not self._done.done():
+            while not self.ended:
                 executor.spin_until_future_complete(self._done, SPIN_S)
         finally:
             executor.remove_node(self)
         if self._done.done():
             self._flush()
 
-    def stop(self) -> None:
-        """End spin() soon; may be called by a signal handler."""
-        self._stopped = True
-
     def _flush(self) -> None:
         deadline = time.monotonic() + FLUSH_S
-        for publisher in self._owned:
+        for publisher in self.publishers:
             left_s = deadline - time.monotonic()
-            if left_s > 0.0 and self.context.ok():
+            if isinstance(publisher, LifecyclePublisher) and left_s > 0.0 and self.context.ok():
                 publisher.wait_for_all_acked(Duration(seconds=left_s))
 
     def _note_mismatch(self, topic: str, event: Any) -> None:
@@ -207,7 +227,8 @@ class PortNode(Node, Generic[P]):
 def run_node(factory: Callable[[], PortNode[Any]]) -> int:
     """Build a node, tell the bringup that it is ready, spin it, and return its exit code.
 
-    SIGINT and SIGTERM break off the building; afterwards they end the spinning between two callbacks.
+    A node with autostart is ready once it is active, any other as soon as a manager can configure it. SIGINT
+    and SIGTERM break off building and configuring; afterwards they end the spinning between two callbacks.
     """
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
@@ -218,8 +239,12 @@ def run_node(factory: Callable[[], PortNode[Any]]) -> int:
         _on_signals(signal.default_int_handler)
         node = factory()
         _on_signals(lambda number, frame: node.stop())
+        if node.autostart:
+            node.start()
         status_pipe.report_ready()
         node.spin()
+        if node.failure is not None:
+            raise node.failure
         return int(node.exit_code)
     except (ParamError, ScenarioError, ChartError) as error:
         return _complain(error, Exit.CONFIGURATION)

@@ -93,26 +93,33 @@ class Sim(PortNode[SimParams]):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, SimParams(), **options)
+
+    def configure(self) -> None:
+        """Make the port and its world, and speak and listen."""
         self.get_logger().info('preparing the port; the first start compiles kernels, up to 30 s')
         self.scenario = load(self.params)
         self.world = World([self.scenario])
         self.world.tick(np.zeros(1), np.zeros(1))
         self._topics = SimTopics(self, self.scenario, self.world, self.params.publish_targets)
         self._rudder, self._thrust = np.zeros(1), np.zeros(1)
-        self._enabled = True
-        self._planned = self._driven = not self.params.hold_until_plan
-        self._waits_for_recorder = self.lock_step and self.params.wait_for_recorder
-        self._recorded_ns = -2 * RECORDER_LEAD_NS
-        self._begin()
+        self._planned = not self.params.hold_until_plan
         self.subscribe('recorded', self._take_recorded)
         self.subscribe('cmd_actuators', self._take_command)
-        self.subscribe('plan', self._take_plan)
+        self.subscribe('plan', self._take_plan, always=True)
         self.create_service(SetBool, '~/enable', self._enable)
         self.create_service(Trigger, '~/reset', self._reset)
         self.create_service(Trigger, '~/step', self._step)
         self.timer(RESEND_S, self._watch)
         if not self.params.lock_step:
             self.timer(max(TICK_S / self.params.rate, MIN_TIMER_S), self._follow_clock)
+
+    def activate(self) -> None:
+        """Begin at t = 0."""
+        self._enabled = True
+        self._driven = not self.params.hold_until_plan
+        self._waits_for_recorder = self.lock_step and self.params.wait_for_recorder
+        self._recorded_ns = -2 * RECORDER_LEAD_NS
+        self._begin()
 
     @property
     def time_ns(self) -> int:
@@ -151,7 +158,7 @@ class Sim(PortNode[SimParams]):
         self._least_clearance = self.world.clearance[0].copy()
         self._progress_s = self._begin_s = time.monotonic()
         self._started_s = float('nan')
-        self._topics.forget_track()
+        self._topics.begin()
         self._topics.publish_episode(0, tuple(self._least_clearance))
         self._topics.publish(0)
 
@@ -166,9 +173,10 @@ class Sim(PortNode[SimParams]):
     def _take_plan(self, message: Path) -> None:
         if len(read_path(message)):
             self._planned = True
-            self._progress_s = time.monotonic()
-            self._advance_if_answered()
-        elif self.held and self.params.exit_on_end:
+            if self.active:
+                self._progress_s = time.monotonic()
+                self._advance_if_answered()
+        elif self.active and self.held and self.params.exit_on_end:
             self.get_logger().error('there is no route to the goal; the log of global_planner tells why')
             self.finish(Exit.NO_ANSWER)
 
@@ -266,16 +274,20 @@ class Sim(PortNode[SimParams]):
         return response
 
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._begin()
-        response.success, response.message = True, 'time is 0 again'
+        if self.active:
+            self._begin()
+        response.success, response.message = self.active, self._time_or_state()
         return response
 
     def _step(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self.running
-        if self.running:
+        response.success = self.active and self.running
+        if response.success:
             self._advance()
-        response.message = f'time is {self._tick * TICK_S:.2f} s'
+        response.message = self._time_or_state()
         return response
+
+    def _time_or_state(self) -> str:
+        return f'time is {self._tick * TICK_S:.2f} s' if self.active else f'the sim is {self.state}'
 
 
 def main() -> int:

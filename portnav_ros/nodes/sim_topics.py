@@ -92,9 +92,10 @@ class SimTopics:
         self._episode.publish(status_message('episode', level, outcome.name, values))
         self._report(tick)
 
-    def forget_track(self) -> None:
-        """Begin a new trajectory."""
+    def begin(self) -> None:
+        """Begin anew: no trajectory yet, and nobody who knows the goal."""
         self._track.poses.clear()
+        self._goal_subscribers = 0
 
     def _publish_slowly(self, time_ns: int) -> None:
         world, own = self._world, self._world.own[0]

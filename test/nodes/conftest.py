@@ -28,7 +28,13 @@ class Graph:
         self.other = self._take(rclpy.create_node('other', context=self.context))
 
     def add(self, make_node, **parameters):
-        """Build a node under test with parameters."""
+        """Build a node under test with parameters, and make it active."""
+        node = self.build(make_node, **parameters)
+        node.start()
+        return node
+
+    def build(self, make_node, **parameters):
+        """Build a node under test with parameters; it is left unconfigured."""
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         return self._take(make_node(context=self.context, parameter_overrides=overrides))
 
