@@ -8,7 +8,6 @@ from __future__ import annotations
 import signal
 import sys
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping
 from enum import IntEnum
 from types import MappingProxyType
@@ -21,7 +20,7 @@ from rclpy.clock_type import ClockType
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.experimental import EventsExecutor
-from rclpy.lifecycle import LifecyclePublisher
+from rclpy.lifecycle import LifecyclePublisher, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -32,10 +31,12 @@ from rclpy.subscription import Subscription
 from portnav_ros.harbour import ChartError
 from portnav_ros.muzero import ModelError
 from portnav_ros.nodes import status_pipe
+from portnav_ros.nodes.ends import Mismatches
 from portnav_ros.nodes.lifecycle import AUTOSTART, ManagedNode
-from portnav_ros.nodes.messages import MessageError, peek_stamp, status_message
+from portnav_ros.nodes.messages import MessageError, peek_stamp, read_stamp, status_message
 from portnav_ros.nodes.parameters import declare
 from portnav_ros.nodes.topics import TOPICS, asked_qos, offered_qos
+from portnav_ros.nodes.vitals import NO_PERIOD, NO_STAMP, Vitals
 from portnav_ros.params import ParamError
 from portnav_ros.sim.scenario import ScenarioError
 
@@ -86,11 +87,15 @@ class PortNode(ManagedNode, Generic[P]):
         self.declare_parameter(AUTOSTART, self.autostart, ignore_override=True)
         self.lock_step = bool(getattr(self.params, 'lock_step', False))
         self.exit_code = Exit.OK
-        self.refused: Counter[str] = Counter()
-        self._reasons: dict[str, str] = {}
-        self._mismatched: dict[str, str] = {}
+        self.vitals = Vitals()
+        self._mismatches = Mismatches(self)
         self._diagnostics = self._publisher('diagnostics', self.create_publisher)
         self._every(DIAGNOSTICS_PERIOD_S, self.report_health)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to measure, then activate; called by rclpy."""
+        self.vitals.begin()
+        return super().on_activate(state)
 
     def publisher(self, topic: str) -> LifecyclePublisher:
         """Return a publisher of a topic of the table; it is silent unless the node is active."""
@@ -125,23 +130,28 @@ class PortNode(ManagedNode, Generic[P]):
             always: take messages in state inactive, too: a latched one does not come again.
         """
         row = TOPICS[topic]
+        stamp_of = peek_stamp if unwanted else _stamp_reader(row.type)
+        self.vitals.expect(topic, lasting=always)
+        self.vitals.watch(topic, 1.0 / row.rate_hz if row.rate_hz and not self.lock_step else NO_PERIOD)
 
-        def guarded(message: Any) -> None:
+        def take(message: Any) -> None:
             if not (self.active or always):
                 return
+            begin_s, stamp_ns = time.monotonic(), stamp_of(message)
+            self.vitals.hear(topic, begin_s, stamp_ns)
             try:
-                callback(message)
+                if unwanted is None:
+                    callback(message)
+                elif not unwanted(stamp_ns):
+                    callback(deserialize_message(message, row.type))
             except MessageError as error:
                 self.refuse(topic, str(error))
-
-        def chosen(data: bytes) -> None:
-            if not unwanted(peek_stamp(data)):
-                guarded(deserialize_message(data, row.type))
+            self.vitals.spend(topic, time.monotonic() - begin_s)
 
         return self.create_subscription(
             row.type,
             row.name,
-            chosen if unwanted else guarded,
+            take,
             asked_qos(row, self.lock_step),
             raw=unwanted is not None,
             event_callbacks=SubscriptionEventCallbacks(
@@ -152,7 +162,16 @@ class PortNode(ManagedNode, Generic[P]):
 
     def timer(self, period_s: float, callback: Callable[[], None]) -> None:
         """Call back, while active, at a period of the steady clock, which no simulation stops."""
-        self._every(period_s, lambda: callback() if self.active else None)
+        name = getattr(callback, '__name__', 'timer').strip('_')
+        self.vitals.watch(name, period_s)
+
+        def call() -> None:
+            if self.active:
+                begin_s = time.monotonic()
+                callback()
+                self.vitals.spend(name, time.monotonic() - begin_s)
+
+        self._every(period_s, call)
 
     def _every(self, period_s: float, callback: Callable[[], None]) -> None:
         self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -167,10 +186,9 @@ class PortNode(ManagedNode, Generic[P]):
 
     def refuse(self, topic: str, reason: str) -> None:
         """Count a message that cannot be used; the first of each kind is logged."""
-        self.refused[topic] += 1
-        if self._reasons.get(topic) != reason:
+        if self.vitals.reasons.get(topic) != reason:
             self.get_logger().warning(f'{topic}: message refused: {reason}')
-        self._reasons[topic] = reason
+        self.vitals.refuse(topic, reason)
 
     def health(self) -> Health:
         """Return the node's own part of the diagnostics; asked for while the node is active."""
@@ -179,12 +197,13 @@ class PortNode(ManagedNode, Generic[P]):
     def report_health(self) -> None:
         """Publish the diagnostics."""
         level, text, values = self.health() if self.active else Health(text=self.state)
-        counts = {f'refused_{topic}': count for topic, count in self.refused.items()}
-        values = {**values, 'state': self.state, **counts}
-        if self.refused and level == DiagnosticStatus.OK:
-            level, text = DiagnosticStatus.WARN, f'messages refused: {self._reasons}'
-        if self._mismatched:
-            level, text = DiagnosticStatus.ERROR, '; '.join(self._mismatched.values())
+        values = {'state': self.state, **values, **self.vitals.report(time.monotonic())}
+        reasons, mismatched = self.vitals.reasons, self._mismatches.describe()
+        if reasons and level == DiagnosticStatus.OK:
+            text = '; '.join(f'{topic}: message refused: {reason}' for topic, reason in reasons.items())
+            level = DiagnosticStatus.WARN
+        if mismatched:
+            level, text = DiagnosticStatus.ERROR, '; '.join(mismatched)
         message = DiagnosticArray(status=[status_message(self.get_name(), level, text, values)])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
@@ -219,9 +238,7 @@ class PortNode(ManagedNode, Generic[P]):
                 publisher.wait_for_all_acked(Duration(seconds=left_s))
 
     def _note_mismatch(self, topic: str, event: Any) -> None:
-        policy = qos_policy_name_from_kind(event.last_policy_kind)
-        self._mismatched[topic] = f'{topic}: another end has an incompatible QoS ({policy})'
-        self.get_logger().error(self._mismatched[topic])
+        self._mismatches.note(topic, qos_policy_name_from_kind(event.last_policy_kind))
 
 
 def run_node(factory: Callable[[], PortNode[Any]]) -> int:
@@ -256,6 +273,13 @@ def run_node(factory: Callable[[], PortNode[Any]]) -> int:
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+
+
+def _stamp_reader(message_type: Any) -> Callable[[Any], int]:
+    """What reads the stamp of a message in ns, NO_STAMP where its type has none."""
+    if hasattr(message_type, 'header'):
+        return lambda message: read_stamp(message.header.stamp)
+    return lambda message: NO_STAMP
 
 
 def _on_signals(handler: Callable[[int, Any], None]) -> None:

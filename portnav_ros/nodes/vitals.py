@@ -7,7 +7,7 @@ the diagnostics do once a second.
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass, field
 
 REPORTS = 5  # that a rate is told over
@@ -18,7 +18,13 @@ NO_PERIOD = math.inf
 
 @dataclass
 class _Input:
-    """Messages of a topic. reports: time in s and number of messages at each of the last reports."""
+    """Messages of a topic.
+
+    lasting: they count for good, such as the last one of a latched topic. reports: time in s and number of
+    messages at each of the last reports.
+    """
+
+    lasting: bool = False
 
     messages: int = 0
     refused: int = 0
@@ -48,9 +54,9 @@ class Vitals:
         self._loops: dict[str, _Loop] = {}
         self._newest_ns = NO_STAMP
 
-    def expect(self, topic: str) -> None:
-        """Tell of a topic even while nothing is heard of it."""
-        self._inputs.setdefault(topic, _Input())
+    def expect(self, topic: str, lasting: bool = False) -> None:
+        """Tell of a topic even while nothing is heard of it; a lasting one outlives ``begin``."""
+        self._inputs.setdefault(topic, _Input(lasting))
 
     def watch(self, callback: str, period_s: float = NO_PERIOD) -> None:
         """Tell of a callback's calls, each of which should be over before the next is due."""
@@ -75,10 +81,15 @@ class Vitals:
         self._loops[callback].durations_s.append(duration_s)
 
     def begin(self) -> None:
-        """Forget all that was heard and done."""
-        self._inputs = {topic: _Input() for topic in self._inputs}
+        """Forget all that was heard and done, but for lasting topics."""
+        self._inputs = {topic: item if item.lasting else _Input() for topic, item in self._inputs.items()}
         self._loops = {name: _Loop(loop.period_s) for name, loop in self._loops.items()}
         self._newest_ns = NO_STAMP
+
+    @property
+    def refused(self) -> Counter[str]:
+        """Messages refused, by topic."""
+        return Counter({topic: item.refused for topic, item in self._inputs.items() if item.refused})
 
     @property
     def reasons(self) -> dict[str, str]:

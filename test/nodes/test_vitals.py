@@ -65,6 +65,7 @@ def test_refusals_are_counted_with_the_last_reason():
     assert (told['refused_scan'], told['refused_scan_reason']) == ('2', 'ranges holds only NaN')
     assert 'refused_odom' not in told
     assert vitals.reasons == {'scan': 'ranges holds only NaN'}
+    assert (vitals.refused['scan'], vitals.refused['odom']) == (2, 0)
 
 
 def test_durations_are_those_of_the_callback_that_takes_most_time():
@@ -102,12 +103,14 @@ def test_without_a_period_nothing_overruns():
 def test_to_begin_is_to_forget_all_but_what_is_expected():
     vitals = Vitals()
     vitals.expect('odom')
+    vitals.expect('plan', lasting=True)
     vitals.watch('odom', 0.05)
     hear(vitals, 'odom', [1.0])
+    vitals.hear('plan', 1.0)
     vitals.refuse('odom', 'frame')
     vitals.spend('odom', 1.0)
     vitals.begin()
-    assert vitals.report(2.0) == {'odom_age_s': 'inf'}
+    assert vitals.report(2.0) == {'odom_age_s': 'inf', 'plan_age_s': '1.000'}
     assert not vitals.reasons
     vitals.spend('odom', 1.0)
     assert vitals.report(3.0)['overruns'] == '1'
