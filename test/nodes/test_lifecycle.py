@@ -1,4 +1,4 @@
-"""States of a node: silent and deaf unless active, led from state to state by services, ended in good order."""
+"""States of a node: silent and deaf unless active, led by services, ended in good order."""
 
 import os
 import signal
