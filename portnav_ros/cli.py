@@ -38,6 +38,9 @@ COMMANDS = {
     ),
     'report': Command('evaluation.report', 'write the report of a recorded bag'),
     'benchmark': Command('evaluation.benchmark', 'measure the speed of world, graph and planner'),
+    'check-driver': Command(
+        'nodes.check_driver', 'check the driver of a vessel, or the sim, against the contract'
+    ),
     'doctor': Command('doctor', 'check this installation and say how to mend it'),
 }
 
@@ -61,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    table = '\n'.join(f'  {name:10} {command.help}' for name, command in COMMANDS.items())
+    table = '\n'.join(f'  {name:12} {command.help}' for name, command in COMMANDS.items())
     parser = argparse.ArgumentParser(
         prog='portnav',
         usage='portnav COMMAND ...',

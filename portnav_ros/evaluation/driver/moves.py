@@ -1,0 +1,200 @@
+"""What a vessel is led to do with --move, and whether it did it: rudder, thrust, neutral, enable."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from portnav_ros.evaluation.driver.record import (
+    DriverRecord,
+    Expected,
+    Finding,
+    JointSample,
+    Motion,
+    Move,
+    motion,
+)
+from portnav_ros.types import Actuation, Array
+from portnav_ros.vessel import VesselParams
+
+NEUTRAL_S = 1.0  # age of the last command past which a driver goes neutral
+DISABLED_S = 0.5
+MARGIN_S = 0.5  # for a period of feedback, and for actuators to be seen moving
+RELEASED = 0.05  # share of the deflection by which they are seen moving
+DEVIATIONS = 3.0  # between chance and effect
+CORRELATED = 10  # successive samples of a hull, which count as one
+NAMES = ('thrust', 'rudder', 'neutral', 'disabled')
+
+
+class Step(NamedTuple):
+    """One move: shares of full rudder and thrust; silent: nothing is sent; enable: is called first."""
+
+    name: str
+    duration_s: float
+    rudder: float = 0.0
+    thrust: float = 0.0
+    silent: bool = False
+    enable: bool | None = None
+
+
+RUDDER, AHEAD = 0.3, 0.2
+STEPS = (
+    Step('coast', 5.0, enable=True),
+    Step('ahead', 8.0, 0.0, AHEAD),
+    Step('bow to port', 10.0, RUDDER, AHEAD),
+    Step('bow to starboard', 10.0, -RUDDER, AHEAD),
+    Step('silence', 3.0, silent=True),
+    Step('ahead again', 4.0, RUDDER, AHEAD, enable=True),
+    Step('disabled', 2.0, RUDDER, AHEAD, enable=False),
+    Step('neutral', 2.0, enable=True),
+)
+
+
+def command_of(step: Step, vessel: VesselParams) -> Actuation | None:
+    """What a step sends; None for silence."""
+    if step.silent:
+        return None
+    return Actuation(step.rudder * vessel.rudder_max_rad, step.thrust * vessel.thrust_max_n)
+
+
+def check_moves(moves: Sequence[Move], record: DriverRecord, expected: Expected) -> list[Finding]:
+    """Judge the moves that were made; those that were not are left out."""
+    made, track = {move.name: move for move in moves}, motion(record.odometry)
+    return [
+        _check_thrust(made, track, expected),
+        _check_rudder(made, track),
+        _check_release('neutral', made, ('bow to starboard', 'silence'), NEUTRAL_S, record, track),
+        _check_release('disabled', made, ('ahead again', 'disabled'), DISABLED_S, record, track),
+    ]
+
+
+def moves_left_out(reason: str) -> list[Finding]:
+    """Findings of the moves where none was made."""
+    return [Finding(name, 'left out', reason) for name in NAMES]
+
+
+def _check_thrust(made: dict[str, Move], track: Motion, expected: Expected) -> Finding:
+    """Positive effort drives ahead."""
+    if 'ahead' not in made:
+        return Finding('thrust', 'left out', 'the move was not made')
+    ahead, coast = made['ahead'], made['coast']
+    driven, resting = _slope(track, ahead), _slope(track, coast)
+    gain, noise = driven[0] - resting[0], DEVIATIONS * math.hypot(driven[1], resting[1])
+    assert ahead.command is not None
+    foreseen = ahead.command.thrust_n / expected.vessel.mass_kg
+    found = f'{ahead.command.thrust_n:.0f} N give {gain:+.4f} m/s^2; the preset foresees {foreseen:.4f}'
+    if gain < -noise:
+        return Finding('thrust', 'fail', f'astern: {found}', 'change the sign: effort above 0 drives ahead')
+    if not gain > noise:
+        mend = 'obey effort[propulsion] in N; is the vessel enabled, moored, or its preset too weak?'
+        return Finding('thrust', 'fail', f'no effect seen: {found}', mend)
+    return Finding('thrust', 'ok', found)
+
+
+def _check_rudder(made: dict[str, Move], track: Motion) -> Finding:
+    """Positive rudder turns the bow to port, negative to starboard."""
+    if 'bow to starboard' not in made:
+        return Finding('rudder', 'left out', 'the move was not made')
+    straight, port, starboard = (
+        _rate_at_end(track, made[name]) for name in ('ahead', 'bow to port', 'bow to starboard')
+    )
+    to_port, to_starboard = port[0] - straight[0], starboard[0] - port[0]
+    noise_port = DEVIATIONS * math.hypot(port[1], straight[1])
+    noise_starboard = DEVIATIONS * math.hypot(starboard[1], port[1])
+    found = f'yaw rate {to_port:+.5f} rad/s by +, then {to_starboard:+.5f} rad/s by - rudder'
+    if to_port < -noise_port and to_starboard > noise_starboard:
+        mend = 'change the sign: position[rudder] above 0 turns the bow to port'
+        return Finding('rudder', 'fail', f'the wrong way: {found}', mend)
+    if not (to_port > noise_port and to_starboard < -noise_starboard):
+        mend = 'obey position[rudder] in rad, both ways; at rest a rudder may need more speed to be felt'
+        return Finding('rudder', 'fail', f'no clear effect: {found}', mend)
+    return Finding('rudder', 'ok', found)
+
+
+def _check_release(
+    name: str,
+    made: dict[str, Move],
+    pair: tuple[str, str],
+    limit_s: float,
+    record: DriverRecord,
+    track: Motion,
+) -> Finding:
+    """Rudder and thrust go back to neutral within a limit from the begin of the second move of a pair."""
+    if pair[1] not in made:
+        return Finding(name, 'left out', 'the move was not made')
+    before, after = made[pair[0]], made[pair[1]]
+    when = 'commands stopped' if name == 'neutral' else '~/enable was called with false'
+    mend = f'make rudder and thrust neutral within {limit_s} s of when {when}'
+    if not record.joints:
+        return _release_by_speed(name, before, after, limit_s, track, mend)
+    took_s = [_release_time_s(record.joints, after, column) for column in (0, 1)]
+    if None in took_s:
+        return Finding(name, 'left out', 'joint_states shows neither rudder nor thrust obeying')
+    slowest_s = max(time_s for time_s in took_s if time_s is not None)
+    found = f'moving back {slowest_s:.2f} s after {when}'
+    if slowest_s > limit_s + MARGIN_S:
+        found = found if math.isfinite(slowest_s) else f'did not move back after {when}'
+        return Finding(name, 'fail', found, mend)
+    return Finding(name, 'ok', found)
+
+
+def _release_time_s(joints: Sequence[JointSample], after: Move, column: int) -> float | None:
+    """Time from a move's begin until feedback has left its deflection for good.
+
+    inf: it is still there when the move ends; None: there was no deflection.
+    """
+    times, values = _feedback(joints, column)
+    held = np.abs(values[times <= after.begin_s + 1e-6])
+    if len(held) == 0 or not held[-1] > 0.0:
+        return None
+    later = (times > after.begin_s) & (times <= after.end_s)
+    deflected = np.abs(values[later]) > (1.0 - RELEASED) * held[-1]
+    if not later.any() or deflected[-1]:
+        return math.inf
+    return float(np.max(times[later][deflected], initial=after.begin_s) - after.begin_s)
+
+
+def _feedback(joints: Sequence[JointSample], column: int) -> tuple[Array, Array]:
+    pairs = [(joint.stamp_s, joint.actuation[column]) for joint in joints if joint.actuation is not None]
+    times, values = np.array(pairs).reshape(-1, 2).T
+    return times, values
+
+
+def _release_by_speed(
+    name: str, before: Move, after: Move, limit_s: float, track: Motion, mend: str
+) -> Finding:
+    """Without feedback: the vessel gains less speed, or loses more, than before."""
+    driven = _slope(track, before)
+    free = _slope(track, after._replace(begin_s=after.begin_s + limit_s), settled=0.0)
+    found = f'without joint_states: {driven[0]:+.4f} m/s^2 before, {free[0]:+.4f} after'
+    if driven[0] - free[0] > DEVIATIONS * math.hypot(driven[1], free[1]):
+        return Finding(name, 'ok', found)
+    return Finding(name, 'fail', f'not seen; {found}', f'{mend}, or publish joint_states so that it shows')
+
+
+def _slope(track: Motion, move: Move, settled: float = 0.5) -> tuple[float, float]:
+    """Acceleration in surge over the settled part of a move, and its standard error, in m/s^2."""
+    time_s, surge = _during(track, move, settled, track.velocity[:, 0])
+    if len(time_s) < 3:
+        return 0.0, math.inf
+    line = np.polyfit(time_s - time_s.mean(), surge, 1)
+    rest = surge - np.polyval(line, time_s - time_s.mean())
+    spread = float(np.sum((time_s - time_s.mean()) ** 2))
+    return float(line[0]), float(np.sqrt(np.sum(rest**2) / (len(rest) - 2) / spread * CORRELATED))
+
+
+def _rate_at_end(track: Motion, move: Move) -> tuple[float, float]:
+    """Mean yaw rate over the last quarter of a move, and its standard error, in rad/s."""
+    _, rates = _during(track, move, 0.75, track.yaw_rate_radps)
+    if len(rates) < 3:
+        return 0.0, math.inf
+    return float(rates.mean()), float(rates.std() / math.sqrt(max(len(rates) / CORRELATED, 1.0)))
+
+
+def _during(track: Motion, move: Move, settled: float, values: Array) -> tuple[Array, Array]:
+    begin_s = move.begin_s + settled * (move.end_s - move.begin_s)
+    chosen = (track.stamp_s >= begin_s) & (track.stamp_s <= move.end_s)
+    return track.stamp_s[chosen], values[chosen]
