@@ -38,9 +38,10 @@ class VesselParams:
     name: of the preset. length_m: of the hull. beam_m: of the hull, at most its length. mass_kg: of the
     vessel. drag_kg_per_m: k = 1/2 rho c_d A, so that the drag is k s|s|. thrust_max_n: full ahead.
     thrust_min_n: full astern; 0 for a vessel without reverse thrust. thrust_rate_nps: how fast thrust
-    changes. rudder_max_rad: to either side. rudder_rate_radps: how fast the rudder turns. turn_gain: K,
-    steady yaw rate = K (s / L) rudder. turn_lag: tau, time constant in hull lengths sailed. paper_literal:
-    run the equations as the paper prints them. paper_turn_gain: T of the printed equations, in 1/s^2.
+    changes. rudder_max_rad: largest angle to either side. rudder_rate_radps: how fast the rudder turns.
+    turn_gain: K, steady yaw rate = K (s / L) rudder. turn_lag: tau, time constant in hull lengths sailed.
+    paper_literal: run the equations as the paper prints them. paper_turn_gain: T of the printed equations,
+    in 1/s^2.
     """
 
     name: str = 'shuttle'

@@ -10,7 +10,7 @@ FILES = sorted((ROOT / 'portnav_ros').rglob('*.py'))
 
 LAYERS = (
     {'__init__'},
-    {'geometry', 'types', 'params', 'resources', 'findings'},
+    {'geometry', 'types', 'params', 'declarations', 'resources', 'findings'},
     {'harbour', 'charts', 'chart_features', 'nav2_map', 'vessel'},
     {'planning', 'control'},
     {'sim'},

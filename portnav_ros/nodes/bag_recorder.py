@@ -19,6 +19,7 @@ from portnav_ros.evaluation.bag_writer import BagError, Storage
 from portnav_ros.evaluation.recording import RecordedTopic, Recording
 from portnav_ros.nodes import status_pipe
 from portnav_ros.nodes.messages import clock_message
+from portnav_ros.nodes.parameters import NodeParams
 from portnav_ros.nodes.runtime import Health, PortNode, run_node
 from portnav_ros.nodes.topics import TOPICS, Topic, asked_qos
 from portnav_ros.params import ParamError
@@ -45,7 +46,7 @@ LOCK_STEP_MARGIN_NS = 10_000_000_000
 
 
 @dataclass(frozen=True)
-class RecorderParams:
+class RecorderParams(NodeParams):
     """Parameters of the node.
 
     bag: folder to record into. storage: file format. run_file: JSON mapping that goes into the bag's
@@ -62,11 +63,14 @@ class RecorderParams:
     reliable: bool = True
 
 
+DEFAULTS = RecorderParams()
+
+
 class BagRecorder(PortNode[RecorderParams]):
     """Takes serialised messages out of their queues and files them."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__('bag_recorder', RecorderParams(), **options)
+        super().__init__('bag_recorder', DEFAULTS, **options)
 
     def configure(self) -> None:
         """Open the bag and listen; from here on nothing is lost."""

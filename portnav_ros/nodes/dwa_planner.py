@@ -10,6 +10,7 @@ from portnav_ros.nodes.runtime import run_node
 from portnav_ros.task.policy import Policy
 
 NAME = 'dwa_planner'
+DEFAULTS = PlannerParams()
 
 
 def make_policy(params: PlannerParams) -> Policy:
@@ -19,7 +20,7 @@ def make_policy(params: PlannerParams) -> Policy:
 
 def make_node(**options: Any) -> LocalPlanner:
     """Return the node."""
-    return LocalPlanner(NAME, make_policy, **options)
+    return LocalPlanner(NAME, make_policy, DEFAULTS, **options)
 
 
 def main() -> int:

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -25,8 +25,9 @@ from portnav_ros.nodes.messages import (
     read_pose,
     read_stamp,
 )
+from portnav_ros.nodes.parameters import NodeParams
 from portnav_ros.nodes.runtime import Health, PortNode, run_node
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_ranges
 from portnav_ros.planning.plan_space import PlanError, Point
 from portnav_ros.planning.rrt_star import PlanCancelledError, RrtStarParams
 from portnav_ros.planning.worker import PlanWorker, WorkerDiedError
@@ -36,10 +37,12 @@ NO_PATH = np.zeros((0, 2))
 
 
 @dataclass(frozen=True)
-class GlobalPlannerParams:
+class GlobalPlannerParams(NodeParams):
     """Parameters of the node.
 
-    chart: GeoJSON or nav2 map YAML. seed: of the search; the same gives the same path.
+    chart: GeoJSON or nav2 map YAML. seed: of the search; the same gives the same path. hull_clearance_m:
+    that a path keeps from quays and charted buoys. lock_step: time waits for the nodes. rrt_star.*: the
+    search.
     """
 
     chart: str = ''
@@ -47,10 +50,14 @@ class GlobalPlannerParams:
     hull_clearance_m: float = 30.0
     lock_step: bool = False
     rrt_star: RrtStarParams = field(default_factory=RrtStarParams)
+    ranges: ClassVar[Ranges] = {'seed': (0, 2**63 - 1), 'hull_clearance_m': (0.0, 500.0)}
 
     def __post_init__(self) -> None:
         """Refuse values without which nothing can be planned."""
-        check_range(self, hull_clearance_m=(0.0, 500.0), seed=(0, 2**63 - 1))
+        check_ranges(self)
+
+
+DEFAULTS = GlobalPlannerParams()
 
 
 class Itinerary:
@@ -85,7 +92,7 @@ class GlobalPlanner(PortNode[GlobalPlannerParams]):
     """Node ``global_planner``."""
 
     def __init__(self, **options: object) -> None:
-        super().__init__('global_planner', GlobalPlannerParams(), **options)
+        super().__init__('global_planner', DEFAULTS, **options)
 
     def configure(self) -> None:
         """Read the chart, start the planning process, and speak and listen."""

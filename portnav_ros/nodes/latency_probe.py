@@ -10,27 +10,29 @@ import time
 from collections import defaultdict
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState, LaserScan
 
 from portnav_ros.nodes.messages import read_stamp
+from portnav_ros.nodes.parameters import NodeParams
 from portnav_ros.nodes.runtime import PortNode, run_node
-from portnav_ros.params import check_range
+from portnav_ros.params import Ranges, check_ranges
 
 NAME = 'latency_probe'
 
 
 @dataclass(frozen=True)
-class ProbeParams:
+class ProbeParams(NodeParams):
     """Parameters of the node. duration_s: to listen, by the wall clock, from when time runs."""
 
     duration_s: float = 20.0
+    ranges: ClassVar[Ranges] = {'duration_s': (0.1, 3600.0)}
 
     def __post_init__(self) -> None:
         """Refuse to listen for ever."""
-        check_range(self, duration_s=(0.1, 3600.0))
+        check_ranges(self)
 
 
 class LatencyProbe(PortNode[ProbeParams]):

@@ -9,8 +9,6 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.task import Future
 
-AUTOSTART = 'autostart'  # parameter of every node: configure and activate without being asked to
-
 
 class ManagedNode(LifecycleNode):
     """A node that somebody configures and activates: a manager by its services, or ``start``.

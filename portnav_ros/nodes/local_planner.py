@@ -7,7 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -28,8 +28,9 @@ from portnav_ros.nodes.messages import (
     read_stamp,
     status_message,
 )
+from portnav_ros.nodes.parameters import NodeParams
 from portnav_ros.nodes.runtime import Health, PortNode
-from portnav_ros.params import check_range
+from portnav_ros.params import Ranges, check_ranges
 from portnav_ros.sim.scenario import PATH_SPACING_M, LidarParams
 from portnav_ros.task.observation import ObservationParams, Observer
 from portnav_ros.task.policy import Policy
@@ -42,14 +43,15 @@ EVERYONE = np.ones(1, dtype=bool)
 
 
 @dataclass(frozen=True)
-class PlannerParams:
+class PlannerParams(NodeParams):
     """Parameters of a local planner.
 
     preset: vessel in config/vessels, or a YAML file; vessel.*: what differs from it. autopilot.*: gains of
     the PID controller, which a planner may simulate. lidar.*: the sensor, whose rays are checked.
-    observation.*: see ObservationParams. lock_step: answer each decision with odometry, scan and actuator
-    feedback of the very same stamp. period_s: from decision to decision. age_s: of scan and odometry, past
-    which the vessel is stopped. goal_radius_m: from the end of the plan, within which it is stopped.
+    observation.*: what the policy sees; a learned one sees what its model was trained on. lock_step: answer
+    each decision with odometry, scan and actuator feedback of the very same stamp. period_s: from decision
+    to decision. age_s: of scan and odometry, past which the vessel is stopped. goal_radius_m: from the end
+    of the plan, within which it is stopped.
     """
 
     preset: str = 'shuttle'
@@ -61,10 +63,15 @@ class PlannerParams:
     period_s: float = 1.0
     age_s: float = 0.5
     goal_radius_m: float = 50.0
+    ranges: ClassVar[Ranges] = {
+        'period_s': (0.05, 60.0),
+        'age_s': (0.05, 60.0),
+        'goal_radius_m': (0.0, 1000.0),
+    }
 
     def __post_init__(self) -> None:
         """Refuse times and distances that make no sense."""
-        check_range(self, period_s=(0.05, 60.0), age_s=(0.05, 60.0), goal_radius_m=(0.0, 1000.0))
+        check_ranges(self)
 
 
 class LocalPlanner(PortNode[PlannerParams]):
@@ -79,10 +86,10 @@ class LocalPlanner(PortNode[PlannerParams]):
         self,
         name: str,
         make_policy: Callable[[Any], Policy],
-        defaults: PlannerParams | None = None,
+        defaults: PlannerParams,
         **options: Any,
     ) -> None:
-        super().__init__(name, defaults or PlannerParams(), **options)
+        super().__init__(name, defaults, **options)
         self._make_policy = make_policy
 
     def configure(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -15,7 +15,7 @@ from portnav_ros.muzero.policy import Decision, MuZeroPolicy, load_policy
 from portnav_ros.nodes.local_planner import EVERYONE, LocalPlanner, PlannerParams
 from portnav_ros.nodes.markers import track_marker
 from portnav_ros.nodes.runtime import Health, run_node
-from portnav_ros.params import check_range
+from portnav_ros.params import Ranges
 from portnav_ros.types import STATE_SIZE
 
 NAME = 'muzero_planner'
@@ -36,10 +36,10 @@ class MuZeroParams(PlannerParams):
     simulations: int = AS_IN_CARD
     allow_mismatch: bool = False
 
-    def __post_init__(self) -> None:
-        """Refuse a number of simulations that no search has."""
-        super().__post_init__()
-        check_range(self, simulations=(AS_IN_CARD, 10_000))
+    ranges: ClassVar[Ranges] = {**PlannerParams.ranges, 'simulations': (AS_IN_CARD, 10_000)}
+
+
+DEFAULTS = MuZeroParams()
 
 
 def make_policy(params: MuZeroParams) -> MuZeroPolicy:
@@ -57,7 +57,7 @@ class MuZeroPlanner(LocalPlanner):
     """A local planner that shows what its search has found."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(NAME, make_policy, MuZeroParams(), **options)
+        super().__init__(NAME, make_policy, DEFAULTS, **options)
 
     def configure(self) -> None:
         """Load the model and compile its search."""

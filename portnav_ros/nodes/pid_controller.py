@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -21,8 +21,9 @@ from portnav_ros.nodes.messages import (
     read_setpoint,
     read_stamp,
 )
+from portnav_ros.nodes.parameters import NodeParams
 from portnav_ros.nodes.runtime import Health, PortNode, run_node
-from portnav_ros.params import check_range
+from portnav_ros.params import Ranges, check_ranges
 from portnav_ros.types import STATE_SIZE, Actuation, Setpoint
 from portnav_ros.vessel import VesselParams
 
@@ -33,7 +34,7 @@ WATCH_S = 0.1
 
 
 @dataclass(frozen=True)
-class PidParams:
+class PidParams(NodeParams):
     """Parameters of the node.
 
     preset: vessel in config/vessels, or a YAML file; vessel.*: what differs from it. autopilot.*: gains.
@@ -54,23 +55,26 @@ class PidParams:
     odom_age_s: float = 0.5
     period_s: float = 0.05
     limit_rates: bool = False
+    ranges: ClassVar[Ranges] = {
+        'planner_period_s': (0.05, 60.0),
+        'setpoint_age_s': (0.05, 600.0),
+        'odom_age_s': (0.05, 60.0),
+        'period_s': (0.001, 1.0),
+    }
 
     def __post_init__(self) -> None:
         """Refuse times that make no sense."""
-        check_range(
-            self,
-            planner_period_s=(0.05, 60.0),
-            setpoint_age_s=(0.05, 600.0),
-            odom_age_s=(0.05, 60.0),
-            period_s=(0.001, 1.0),
-        )
+        check_ranges(self)
+
+
+DEFAULTS = PidParams()
 
 
 class PidController(PortNode[PidParams]):
     """Time is the stamp of the newest odometry; ages are told in it."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(NAME, PidParams(), **options)
+        super().__init__(NAME, DEFAULTS, **options)
 
     def configure(self) -> None:
         """Compile the autopilot, and speak and listen."""

@@ -28,6 +28,9 @@ class PpoPlannerParams(PlannerParams):
     allow_mismatch: bool = False
 
 
+DEFAULTS = PpoPlannerParams()
+
+
 def make_policy(params: PpoPlannerParams) -> PpoPolicy:
     """Return the policy of the model.
 
@@ -42,7 +45,7 @@ class PpoPlanner(LocalPlanner):
     """A local planner that names its model."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(NAME, make_policy, PpoPlannerParams(), **options)
+        super().__init__(NAME, make_policy, DEFAULTS, **options)
 
     def configure(self) -> None:
         """Load the model."""

@@ -21,7 +21,6 @@ from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.experimental import EventsExecutor
 from rclpy.lifecycle import LifecyclePublisher, LifecycleState, TransitionCallbackReturn
-from rclpy.parameter import Parameter
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
@@ -32,15 +31,15 @@ from portnav_ros.harbour import ChartError
 from portnav_ros.muzero import ModelError
 from portnav_ros.nodes import status_pipe
 from portnav_ros.nodes.ends import Mismatches
-from portnav_ros.nodes.lifecycle import AUTOSTART, ManagedNode
+from portnav_ros.nodes.lifecycle import ManagedNode
 from portnav_ros.nodes.messages import MessageError, peek_stamp, read_stamp, status_message
-from portnav_ros.nodes.parameters import declare
+from portnav_ros.nodes.parameters import NodeParams, declare
 from portnav_ros.nodes.topics import TOPICS, asked_qos, offered_qos
 from portnav_ros.nodes.vitals import NO_PERIOD, NO_STAMP, Vitals
 from portnav_ros.params import ParamError
 from portnav_ros.sim.scenario import ScenarioError
 
-P = TypeVar('P')
+P = TypeVar('P', bound=NodeParams)
 
 DIAGNOSTICS_PERIOD_S = 1.0
 SPIN_S = 0.1  # a signal is seen this late at most
@@ -82,9 +81,7 @@ class PortNode(ManagedNode, Generic[P]):
 
     def __init__(self, name: str, defaults: P, **options: Any) -> None:
         super().__init__(name, automatically_declare_parameters_from_overrides=True, **options)
-        self.autostart = self._take_autostart()
         self.params: P = declare(self, defaults)
-        self.declare_parameter(AUTOSTART, self.autostart, ignore_override=True)
         self.lock_step = bool(getattr(self.params, 'lock_step', False))
         self.exit_code = Exit.OK
         self.vitals = Vitals()
@@ -176,14 +173,6 @@ class PortNode(ManagedNode, Generic[P]):
     def _every(self, period_s: float, callback: Callable[[], None]) -> None:
         self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _take_autostart(self) -> bool:
-        autostart = self.get_parameter_or(AUTOSTART, Parameter(AUTOSTART, value=True)).value
-        if not isinstance(autostart, bool):
-            raise ParamError(f'{self.get_name()}: parameters: {AUTOSTART}: expected true or false')
-        if self.has_parameter(AUTOSTART):
-            self.undeclare_parameter(AUTOSTART)  # which leaves the others to declare()
-        return autostart
-
     def refuse(self, topic: str, reason: str) -> None:
         """Count a message that cannot be used; the first of each kind is logged."""
         if self.vitals.reasons.get(topic) != reason:
@@ -256,7 +245,7 @@ def run_node(factory: Callable[[], PortNode[Any]]) -> int:
         _on_signals(signal.default_int_handler)
         node = factory()
         _on_signals(lambda number, frame: node.stop())
-        if node.autostart:
+        if node.params.autostart:
             node.start()
         status_pipe.report_ready()
         node.spin()

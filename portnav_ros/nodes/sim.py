@@ -6,7 +6,7 @@ import math
 import time
 from dataclasses import dataclass
 from pathlib import Path as FilePath
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -16,9 +16,10 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
 from portnav_ros.nodes.messages import MessageError, nanoseconds, read_joints, read_path, read_stamp
+from portnav_ros.nodes.parameters import NodeParams
 from portnav_ros.nodes.runtime import Exit, Health, PortNode, run_node
 from portnav_ros.nodes.sim_topics import TICK_NS, TICKS_PER_SCAN, SimTopics
-from portnav_ros.params import ParamError, check_range
+from portnav_ros.params import ParamError, Ranges, check_ranges
 from portnav_ros.sim.generator import find_scenario
 from portnav_ros.sim.scenario import Scenario
 from portnav_ros.sim.world import TICK_S, World
@@ -34,17 +35,18 @@ MAX_CATCH_UP_TICKS = 10  # in one go; what is beyond is lost and lowers the achi
 
 
 @dataclass(frozen=True)
-class SimParams:
+class SimParams(NodeParams):
     """Parameters of the node.
 
-    difficulty, seed: the random port to sail in; scenario: a named scenario in its place; chart: a chart
-    in its place. lock_step: time waits for the command stamped with the present tick. rate: else, simulated
-    seconds per second. hold_until_plan: the world stands at t = 0 until there is a plan. publish_goal: send
-    the scenario's goal to the global planner. exit_on_end: end the process with the episode. neutral_s: age
-    of the command past which the actuators go neutral. wait_for_recorder: in lock-step, sail no further than
-    RECORDER_LEAD_NS ahead of what the recorder has, so that its queues cannot overflow. answer_timeout_s,
-    plan_timeout_s: patience, by the wall clock, with the stack in lock-step and with the planner; 0 is
-    without end.
+    difficulty: what a random port is drawn from, a name or a YAML file. scenario: a named scenario in its
+    place. chart: a chart in its place. seed: of the random port. lock_step: time waits for the command
+    stamped with the present tick. rate: else, simulated seconds per second. hold_until_plan: the world
+    stands at t = 0 until there is a plan. publish_goal: send the scenario's goal to the global planner.
+    publish_targets: tell where the other vessels are. exit_on_end: end the process with the episode.
+    neutral_s: age of the command past which the actuators go neutral. wait_for_recorder: in lock-step, sail
+    no further than 20 s ahead of what the recorder has, so that its queues cannot overflow.
+    answer_timeout_s: patience with the stack in lock-step, by the wall clock; 0 is without end.
+    plan_timeout_s: patience with the global planner, by the wall clock; 0 is without end.
     """
 
     difficulty: str = 'harbour'
@@ -61,18 +63,22 @@ class SimParams:
     wait_for_recorder: bool = False
     answer_timeout_s: float = 30.0
     plan_timeout_s: float = 120.0
+    ranges: ClassVar[Ranges] = {
+        'seed': (0, 2**63 - 1),
+        'rate': (0.01, 1000.0),
+        'neutral_s': (0.05, 60.0),
+        'answer_timeout_s': (0.0, 3600.0),
+        'plan_timeout_s': (0.0, 86400.0),
+    }
 
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
-        check_range(
-            self,
-            rate=(0.01, 1000.0),
-            neutral_s=(0.05, 60.0),
-            answer_timeout_s=(0.0, 3600.0),
-            plan_timeout_s=(0.0, 86400.0),
-        )
+        check_ranges(self)
         if self.scenario and self.chart:
             raise ParamError('scenario and chart exclude each other: a named scenario has its own chart')
+
+
+DEFAULTS = SimParams()
 
 
 def load(params: SimParams) -> Scenario:
@@ -92,7 +98,7 @@ class Sim(PortNode[SimParams]):
     """
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(NAME, SimParams(), **options)
+        super().__init__(NAME, DEFAULTS, **options)
 
     def configure(self) -> None:
         """Make the port and its world, and speak and listen."""

@@ -29,10 +29,10 @@ class ObservationParams:
     layout: `stacked` is the paper's, whole frames one after the other; `aligned` holds scans of several
     ages in the frame of the line-of-sight course. frames: of the layout `stacked`. ages: of the scans of
     the layout `aligned`, in decision periods, from 0 to 120. sectors: into which rays are pooled by their
-    minimum. path_points: ahead on the path. path_point_spacing_m: between them. lookahead_m: of the
-    line-of-sight point b. position_scale_m: of the path errors. speed_scale_mps: of speeds.
-    yaw_rate_scale_radps: of yaw rates. heading_change_scale_rad: of the previous action.
-    remaining_scale_m: of the distance left.
+    minimum. path_points: how many points ahead on the path. path_point_spacing_m: between two of these
+    points. lookahead_m: of the line-of-sight point b. position_scale_m: unit of the path errors.
+    speed_scale_mps: unit of speeds. yaw_rate_scale_radps: unit of yaw rates. heading_change_scale_rad:
+    unit of the previous action's heading change. remaining_scale_m: unit of the distance left.
     """
 
     layout: Literal['stacked', 'aligned'] = 'stacked'

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from portnav_ros.nodes.local_planner import LocalPlanner
+from portnav_ros.nodes.local_planner import LocalPlanner, PlannerParams
 from portnav_ros.nodes.messages import (
     fill_joints,
     fill_odometry,
@@ -49,7 +49,8 @@ class Stack:
         self.policy, self._graph = Constant(), graph
         graph.listen('setpoint_raw', 'navigation_state', 'diagnostics')
         self.node = graph.add(
-            lambda **options: LocalPlanner('planner', lambda params: self.policy, **options), **parameters
+            lambda **options: LocalPlanner('planner', lambda params: self.policy, PlannerParams(), **options),
+            **parameters,
         )
         self.policy.seen.clear()
 

@@ -13,6 +13,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from portnav_ros.control.autopilot import AutopilotParams
 from portnav_ros.nodes.messages import new_joints, read_joints
+from portnav_ros.nodes.parameters import NodeParams
 from portnav_ros.nodes.runtime import PortNode
 from portnav_ros.nodes.status_pipe import STATUS_FD
 from portnav_ros.nodes.topics import TOPICS
@@ -21,7 +22,9 @@ from portnav_ros.vessel import VesselParams
 
 
 @dataclass(frozen=True)
-class ProbeParams:
+class ProbeParams(NodeParams):
+    """Parameters of a test. age_s: of what comes."""
+
     preset: str = 'shuttle'
     age_s: float = 1.5
     count: int = 3
@@ -46,10 +49,10 @@ def test_a_preset_names_the_vessel_to_start_from(graph):
     assert (node.params.vessel.name, node.params.vessel.beam_m) == ('workboat', 1.5)
 
 
-def test_a_parameter_has_a_unit_and_stays(graph):
+def test_a_parameter_is_described_and_stays(graph):
     node = graph.add(probe)
     descriptor = node.describe_parameter('age_s')
-    assert (descriptor.type, descriptor.description) == (ParameterType.PARAMETER_DOUBLE, 'unit s')
+    assert (descriptor.type, descriptor.description) == (ParameterType.PARAMETER_DOUBLE, 'of what comes [s]')
     assert not node.set_parameters([Parameter('age_s', value=2.0)])[0].successful
 
 
