@@ -12,6 +12,7 @@ EXECUTABLES = (
     'dwa_planner',
     'ppo_planner',
     'line_of_sight_planner',
+    'safety_monitor',
     'pid_controller',
     'bag_recorder',
 )

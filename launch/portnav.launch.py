@@ -68,7 +68,6 @@ def _node(spec: NodeSpec, command: Command, options: GraphOptions, out: Path) ->
         name=spec.name,
         namespace=options.namespace,
         parameters=[str((out / PARAMETERS).resolve())],
-        remappings=list(spec.remaps),
         output='screen',
         respawn=restart,
         respawn_delay=1.0 if restart else None,

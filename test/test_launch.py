@@ -48,7 +48,6 @@ def test_launch_starts_the_nodes_of_the_table(launch):
     table = graph('line_of_sight')
     assert [node['executable'] for node in nodes] == [spec.name for spec in table]
     assert [node['name'] for node in nodes] == [spec.name for spec in table]
-    assert [node['remappings'] for node in nodes] == [list(spec.remaps) for spec in table]
     assert {node['package'] for node in nodes} == {'portnav_ros'}
 
 

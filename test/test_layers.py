@@ -13,6 +13,7 @@ LAYERS = (
     {'geometry', 'types', 'params', 'declarations', 'resources', 'findings'},
     {'harbour', 'charts', 'chart_features', 'nav2_map', 'vessel'},
     {'planning', 'control'},
+    {'safety'},
     {'sim'},
     {'task'},
     {'training'},

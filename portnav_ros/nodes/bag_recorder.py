@@ -31,14 +31,15 @@ SLACK_NS = {
     'cmd_actuators': 0,
     'scan': 50_000_000,
     'targets': 5_000_000_000,
+    'setpoint_raw': 5_000_000_000,
     'setpoint': 5_000_000_000,
     'navigation_state': 5_000_000_000,
 }
 # Nothing is acknowledged before each of these has a publisher that is heard.
-AWAITED = ('odom', 'joint_states', 'cmd_actuators', 'scan', 'targets', 'setpoint')
+AWAITED = ('odom', 'joint_states', 'cmd_actuators', 'scan', 'targets', 'setpoint_raw', 'setpoint')
 ACKNOWLEDGE_NS = 2_000_000_000
 REPEAT_S = 0.2
-ANSWERS = ('cmd_actuators', 'setpoint', 'setpoint_raw', 'navigation_state')
+ANSWERS = ('cmd_actuators', 'setpoint', 'setpoint_raw', 'navigation_state', 'safety_state')
 POLL_S = 0.01  # queues are emptied in bulk, which costs half of waking up for each message
 QUEUE_DEPTH = 5000
 MARGIN_NS = 2_000_000_000

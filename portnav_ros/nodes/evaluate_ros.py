@@ -37,7 +37,7 @@ def run_trial(
     """
     if trial.route == 'clearance':
         raise EvaluationError('--through ros: the nodes plan with RRT*; leave out --route clearance')
-    configuration = _with_model(read_configuration(None), trial)
+    configuration = _with_model(read_configuration(None), trial) | {'safety_monitor': {'zones': False}}
     for seed in seeds:
         options = GraphOptions(
             planner=trial.planner,

@@ -9,6 +9,7 @@ from portnav_ros.nodes.dwa_planner import make_node as make_dwa
 from portnav_ros.nodes.messages import path_message, read_odometry, read_stamp
 from portnav_ros.nodes.muzero_planner import make_node as make_muzero
 from portnav_ros.nodes.pid_controller import PidController
+from portnav_ros.nodes.safety_monitor import SafetyMonitor
 from portnav_ros.nodes.sim import Sim
 from portnav_ros.sim.generator import load_scenario
 from portnav_ros.sim.world import World
@@ -18,7 +19,6 @@ from portnav_ros.task.observation import ObservationParams, Observer
 
 SECONDS = 40
 SECOND_NS = 1_000_000_000
-SETPOINT_TOPIC = ('--ros-args', '-r', 'setpoint_raw:=setpoint')
 
 
 @pytest.fixture(scope='module')
@@ -38,7 +38,8 @@ def through_ros(graph, scenario, make_planner=make_dwa, **parameters):
     vessel = {'preset': scenario.vessel.name}
     graph.add(PidController, lock_step=True, **vessel)
     planner = vessel | parameters
-    graph.add(lambda **options: make_planner(cli_args=SETPOINT_TOPIC, **options), lock_step=True, **planner)
+    graph.add(SafetyMonitor, lock_step=True, **vessel)
+    graph.add(make_planner, lock_step=True, **planner)
     sim = graph.add(Sim, scenario='crossing', lock_step=True)
     graph.publish('plan', path_message(scenario.path, 0))
     graph.until(lambda: sim.time_ns >= SECONDS * SECOND_NS, f'{SECONDS} s')

@@ -1,0 +1,1 @@
+"""What stands between planner and autopilot: ages, plausibility, zones, and the decision to stop. No ROS."""
