@@ -176,7 +176,7 @@ def test_a_bad_scan_is_refused_and_the_vessel_stopped(graph, stack, scan, reason
     stack.odom(SECOND_NS)
     stack.stopped('no scan yet')
     graph.until(lambda: stack.node.refused['scan'] == 1)
-    assert reason in stack.node._reasons['scan']
+    assert reason in stack.node.vitals.reasons['scan']
     stack.odom(SECOND_NS + 600_000_000)
     graph.until(lambda: stack.node._time_ns > SECOND_NS)
     stack.scan(2 * SECOND_NS)

@@ -1,18 +1,28 @@
 """What every node shares: parameters, refused messages, QoS mismatches, signals and exit codes."""
 
+import math
 import os
 import signal
 import subprocess
 import sys
 from dataclasses import dataclass, field
 
+import numpy as np
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from portnav_ros.control.autopilot import AutopilotParams
-from portnav_ros.nodes.messages import new_joints, read_joints
+from portnav_ros.nodes.messages import (
+    fill_odometry,
+    new_joints,
+    new_odometry,
+    path_message,
+    read_joints,
+    read_odometry,
+    read_values,
+)
 from portnav_ros.nodes.parameters import NodeParams
 from portnav_ros.nodes.runtime import PortNode
 from portnav_ros.nodes.status_pipe import STATUS_FD
@@ -92,14 +102,39 @@ def test_a_refused_message_is_counted_and_told(graph):
     graph.until(lambda: taken, 'a good message after a bad one')
 
 
+def test_diagnostics_tell_of_inputs_and_callbacks_since_activation(graph):
+    node = graph.add(probe)
+    node.subscribe('odom', read_odometry)
+    node.subscribe('scan', lambda message: None)
+    node.subscribe('plan', lambda message: None, always=True)
+    graph.listen('diagnostics')
+    message = new_odometry()
+    fill_odometry(message, 7, np.zeros(7))
+    graph.publish('plan', path_message(np.zeros((0, 2)), 0))
+    graph.publish('odom', message)
+    _, _, values = graph.status('probe', lambda status: 'odom_behind_s' in read_values(status))
+    assert float(values['odom_age_s']) < math.inf == float(values['scan_age_s'])
+    assert (values['state'], values['overruns'], 'loop_p95_ms' in values) == ('active', '0', True)
+    node.trigger_deactivate()
+    node.trigger_activate()
+    graph.heard['diagnostics'].clear()
+    _, _, values = graph.status('probe', lambda status: True)
+    assert (values['odom_age_s'], values['plan_age_s'] == 'inf') == ('inf', False)
+
+
 def test_an_incompatible_qos_is_an_error_in_the_diagnostics(graph):
     node = graph.add(probe, **{'qos_overrides./cmd_actuators.subscription.reliability': 'reliable'})
     node.subscribe('cmd_actuators', lambda message: None)
     graph.listen('diagnostics')
     weak = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    graph.other.create_publisher(TOPICS['cmd_actuators'].type, 'cmd_actuators', weak)
-    _, text, _ = graph.status('probe', lambda status: status.level == b'\x02')
-    assert 'cmd_actuators: another end has an incompatible QoS (RELIABILITY)' in text
+    publisher = graph.other.create_publisher(TOPICS['cmd_actuators'].type, 'cmd_actuators', weak)
+    named = (
+        'cmd_actuators: probe does not hear other: incompatible QoS (RELIABILITY); let the publisher offer'
+    )
+    graph.status('probe', lambda status: status.level == b'\x02' and named in status.message)
+    graph.other.destroy_publisher(publisher)
+    graph.heard['diagnostics'].clear()
+    graph.status('probe', lambda status: status.level == b'\x00')
 
 
 def start(module, *parameters):
