@@ -1,4 +1,7 @@
-"""``portnav doctor``: look at an installation and say what to mend. Works with whatever is missing."""
+"""``portnav doctor``: look at an installation, or at running nodes, and say what to mend.
+
+The first works with whatever is missing.
+"""
 
 from __future__ import annotations
 
@@ -37,13 +40,22 @@ LIBRARIES = {
 DISTRO = 'jazzy'
 MIDDLEWARE = 'rmw_fastrtps_cpp'
 LOOPBACK_TIMEOUT_S = 30.0
+LISTEN_S = 4.0
 SHARED_MEMORY_LEAST_MB = 32
 DOMAIN_ID_SAFE, DOMAIN_ID_MOST = 101, 232
 DISCOVERY_RANGES = ('LOCALHOST', 'SUBNET', 'OFF', 'SYSTEM_DEFAULT')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare --json."""
+    """Declare --json and --graph."""
+    parser.add_argument(
+        '--graph',
+        nargs='?',
+        const=LISTEN_S,
+        type=float,
+        metavar='SECONDS',
+        help='look at the nodes that run instead: listen (default: %(const)s s) and say what is wrong',
+    )
     parser.add_argument(
         '--json', nargs='?', const='-', metavar='FILE', help='write JSON to FILE (or standard output)'
     )
@@ -51,6 +63,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print one line per check; returns 1 if any failed, else 0."""
+    if arguments.graph is not None:
+        from portnav_ros.nodes.graph_doctor import examine as examine_graph  # needs ROS
+
+        return show(examine_graph(arguments.graph, os.environ), 'all is well', arguments.json)
     return show(examine(os.environ), 'ready to sail', arguments.json)
 
 
