@@ -41,6 +41,9 @@ COMMANDS = {
     'check-driver': Command(
         'nodes.check_driver', 'check the driver of a vessel, or the sim, against the contract'
     ),
+    'check-params': Command(
+        'nodes.check_params', 'find what is wrong in files of parameters, without starting anything'
+    ),
     'doctor': Command('doctor', 'check this installation and say how to mend it'),
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import re
 import types
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -13,6 +14,15 @@ import yaml
 
 T = TypeVar('T')
 Ranges = Mapping[str, tuple[float, float]]  # closed interval of each field that has one
+
+
+class _Loader(yaml.SafeLoader):  # type: ignore[misc]
+    """Takes 1e-3 for a number, as YAML 1.2 and ROS do."""
+
+
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float', re.compile(r'[-+]?[0-9]+[eE][-+]?[0-9]+$'), list('+-0123456789')
+)
 
 
 class ParamError(ValueError):
@@ -26,7 +36,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         ParamError: the file is missing, is not YAML or is not a mapping.
     """
     try:
-        values = yaml.safe_load(path.read_text(encoding='utf-8'))
+        values = yaml.load(path.read_text(encoding='utf-8'), _Loader)
     except OSError as error:
         raise ParamError(f'{path}: cannot be read ({error.strerror})') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:

@@ -1,18 +1,29 @@
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import pytest
 
-from portnav_ros.params import ParamError, check_range, override, read_yaml
+from portnav_ros.params import (
+    ParamError,
+    Ranges,
+    check_range,
+    check_ranges,
+    mistakes,
+    override,
+    read_yaml,
+)
 
 
 @dataclass(frozen=True)
 class Inner:
     gain: float = 1.0
+    least: float = 0.0
+    ranges: ClassVar[Ranges] = {'gain': (0.0, 10.0)}
 
     def __post_init__(self) -> None:
-        check_range(self, gain=(0.0, 10.0))
+        check_ranges(self)
+        check_range(self, least=(-1.0, self.gain))
 
 
 @dataclass(frozen=True)
@@ -75,6 +86,34 @@ def test_mistakes_name_file_key_and_value(values, message):
         override(Outer(), values, 'port.yaml')
 
 
+WRONG = {'sped_mps': 1.0, 'rays': 1.5, 'inner': {'gain': -1.0, 'gian': 1.0}}
+TOLD = [
+    "port.yaml: unknown key 'sped_mps'; did you mean 'speed_mps'?",
+    'port.yaml: rays: expected int, got 1.5',
+    'port.yaml: inner: gain = -1.0 is outside [0.0, 10.0]',
+    "port.yaml: inner: unknown key 'gian'; did you mean 'gain'?",
+]
+
+
+def test_all_mistakes_are_told_at_once():
+    assert mistakes(Outer(), WRONG, 'port.yaml') == TOLD
+    with pytest.raises(ParamError) as refused:
+        override(Outer(), WRONG, 'port.yaml')
+    assert str(refused.value).splitlines() == TOLD
+
+
+def test_what_two_keys_make_wrong_is_no_mistake_of_one_key():
+    values = {'inner': {'least': 2.0}}
+    assert mistakes(Outer(), values, 'port.yaml') == []
+    with pytest.raises(ParamError, match=r'port\.yaml: inner: least = 2\.0 is outside \[-1\.0, 1\.0\]'):
+        override(Outer(), values, 'port.yaml')
+
+
+def test_ranges_are_no_key():
+    with pytest.raises(ParamError, match=r"unknown key 'ranges'"):
+        override(Inner(), {'ranges': {}}, 'port.yaml')
+
+
 def test_not_a_number_is_out_of_range():
     with pytest.raises(ParamError, match='gain = nan'):
         Inner(float('nan'))
@@ -84,6 +123,13 @@ def test_read_yaml(tmp_path):
     file = tmp_path / 'a.yaml'
     file.write_text('speed_mps: 2.0\ninner: {gain: 3.0}\n', encoding='utf-8')
     assert override(Outer(), read_yaml(file), str(file)) == Outer(speed_mps=2.0, inner=Inner(3.0))
+
+
+@pytest.mark.parametrize('text', ['1e-3', '+1E-3', '1.0e-3', '0.001'])
+def test_a_number_needs_no_point(tmp_path, text):
+    file = tmp_path / 'a.yaml'
+    file.write_text(f'gain: {text}\nname: 1e-3m', encoding='utf-8')
+    assert read_yaml(file) == {'gain': 0.001, 'name': '1e-3m'}
 
 
 @pytest.mark.parametrize(

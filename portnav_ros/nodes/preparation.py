@@ -11,7 +11,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import yaml
 
@@ -21,9 +21,10 @@ from portnav_ros.evaluation import bag_episode
 from portnav_ros.evaluation.bag_writer import Storage
 from portnav_ros.evaluation.provenance import git_commit
 from portnav_ros.muzero.model_file import file_hash, released_model
+from portnav_ros.nodes.parameter_files import check_configuration
 from portnav_ros.nodes.process import Command
 from portnav_ros.nodes.table import LOCAL_PLANNERS, NAMES, PLANNER_SUFFIX, RECORDER, NodeSpec, OnDeath, graph
-from portnav_ros.params import ParamError, check_range, override, read_yaml
+from portnav_ros.params import ParamError, Ranges, check_ranges, override, read_yaml
 from portnav_ros.resources import config_path
 from portnav_ros.sim.difficulty import load_difficulty
 from portnav_ros.sim.generator import find_scenario
@@ -62,10 +63,11 @@ class GraphOptions:
     namespace: str = ''
     without: tuple[str, ...] = ()
     ready_s: float = 120.0
+    ranges: ClassVar[Ranges] = {'seed': (0, 2**63 - 1), 'rate': (0.01, 1000.0), 'ready_s': (1.0, 3600.0)}
 
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
-        check_range(self, rate=(0.01, 1000.0), seed=(0, 2**63 - 1), ready_s=(1.0, 3600.0))
+        check_ranges(self)
         if self.planner not in LOCAL_PLANNERS:
             raise ParamError(f'planner {self.planner!r} is not one of {", ".join(LOCAL_PLANNERS)}')
         if unknown := sorted(set(self.without) - set(NAMES)):
@@ -88,16 +90,16 @@ def read_configuration(file: Path | None) -> Configuration:
     """The package's config/portnav.yaml with a file of differences on top.
 
     Raises:
-        ParamError: a file cannot be read, or a key is neither ``bringup`` nor the name of a node.
+        ParamError: a file cannot be read, a key is neither ``bringup`` nor the name of a node, or a value
+            below it is unknown, of the wrong type or out of range.
     """
     merged: Configuration = {}
     for source in (config_path('portnav.yaml'), *([file] if file else [])):
-        for key, values in read_yaml(source).items():
-            if key not in (BRINGUP, *NAMES):
-                raise ParamError(f'{source}: unknown key {key!r}; known keys: {BRINGUP}, {", ".join(NAMES)}')
-            if not isinstance(values, dict):
-                raise ParamError(f'{source}: {key}: expected a mapping of keys to values')
-            merged[key] = _merge(merged.get(key, {}), values)
+        values = read_yaml(source)
+        if wrong := check_configuration(values, str(source), {BRINGUP: GraphOptions()}):
+            raise ParamError('\n'.join(wrong))
+        for key, section in values.items():
+            merged[key] = _merge(merged.get(key, {}), section)
     return merged
 
 

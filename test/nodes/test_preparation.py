@@ -60,7 +60,7 @@ def test_options_are_layered(tmp_path):
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        ('dwa: {}', r"unknown key 'dwa'; known keys: bringup, sim"),
+        ('dwa: {}', r"unknown key 'dwa'; known keys: bringup, .*sim"),
         ('sim: 3', 'sim: expected a mapping'),
         ('- 1', 'expected a mapping'),
         ('{', 'not valid YAML'),
