@@ -69,7 +69,8 @@ def test_the_death_of_a_node_ends_or_restarts(launch):
 
 def test_a_real_vessel_takes_the_place_of_the_sim(launch):
     nodes = launch(difficulty='easy', planner='dwa', without='[sim]', record='false')
-    assert [node['name'] for node in nodes] == ['global_planner', 'dwa_planner', 'pid_controller']
+    names = ['pid_controller', 'safety_monitor', 'dwa_planner', 'global_planner']
+    assert [node['name'] for node in nodes] == names
 
 
 def test_a_mistake_is_refused(launch):

@@ -10,10 +10,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from portnav_ros.nodes.domain_lock import DomainBusyError, hold_domain, read_domain
 from portnav_ros.nodes.preparation import (
+    DISCOVERY,
     Configuration,
     GraphOptions,
     environment,
@@ -34,6 +35,9 @@ from portnav_ros.nodes.supervisor import (
 )
 from portnav_ros.nodes.table import LOCAL_PLANNERS, NAMES, RECORDER
 from portnav_ros.types import Outcome
+
+if TYPE_CHECKING:
+    from portnav_ros.nodes.lifecycle_manager import LifecycleManager
 
 POLL_S = 0.5
 RECORDER_PATIENCE_S = 10.0
@@ -100,7 +104,8 @@ def _supervise(
     episode = _Episode(follow, say, recorded=any(command.name == RECORDER for command in commands))
     limits = Limits(ready_s=options.ready_s)
     try:
-        with Supervisor(commands, environment(), say, limits, (lock,)) as supervisor:
+        make_manager = _manager(commands, options.namespace)
+        with Supervisor(commands, environment(), say, limits, (lock,), make_manager) as supervisor:
             episode.take(supervisor.wait_ready())
             episode.start()
             while not episode.ended:
@@ -118,6 +123,18 @@ def _supervise(
     except StopRequest as request:
         return episode.result(128 + request.number, f'stopped by {request}')
     return episode.result(_exit_code(episode.outcome), episode.outcome.name)
+
+
+def _manager(commands: Sequence[Command], namespace: str) -> Callable[[], LifecycleManager] | None:
+    names = [command.name for command in commands if command.managed]
+
+    def make() -> LifecycleManager:
+        os.environ.setdefault(*DISCOVERY)  # as for the nodes
+        from portnav_ros.nodes.lifecycle_manager import LifecycleManager
+
+        return LifecycleManager(names, namespace)
+
+    return make if names else None
 
 
 class _Episode:
@@ -247,5 +264,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _announce(report: Report) -> None:
-    if report.values.get('ready'):
-        print(f'{report.node} is ready', flush=True)
+    if (time_s := report.values.get('active_after_s')) is not None:
+        ready_s = report.values['configured_after_s']
+        print(f'{report.node} is active after {time_s:.1f} s (configured: {ready_s:.1f} s)', flush=True)

@@ -33,8 +33,9 @@ from portnav_ros.sim.scenario import Scenario
 BRINGUP = 'bringup'  # key of the configuration; the others are names of nodes
 PARAMETERS, METADATA, BAG, LOG = 'params.yaml', 'run.json', 'bag', 'log'
 LIBRARIES = ('numpy', 'numba', 'ompl', 'rosbags', 'ros-jazzy-rclpy')
+DISCOVERY = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 ENVIRONMENT = {
-    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    DISCOVERY[0]: DISCOVERY[1],
     'PYTHONUNBUFFERED': '1',
     **dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS'), '1'),
 }
@@ -48,7 +49,8 @@ class GraphOptions:
     planner: local planner. difficulty, scenario, chart, seed: what to sail; a named scenario or a chart
     takes the place of the difficulty's random port. mode: lock_step advances when every node has answered,
     real_time by the clock, ``rate`` times as fast. namespace: of every node. without: nodes to leave out,
-    because something else plays their part. ready_s: patience with a node that starts.
+    because something else plays their part. remaps: OLD:=NEW for every node or NODE:OLD:=NEW for one, such
+    as the topics of a driver that has other names. ready_s: patience with a node that starts.
     """
 
     planner: str = 'dwa'
@@ -62,6 +64,7 @@ class GraphOptions:
     storage: Storage = 'sqlite3'
     namespace: str = ''
     without: tuple[str, ...] = ()
+    remaps: tuple[str, ...] = ()
     ready_s: float = 120.0
     ranges: ClassVar[Ranges] = {'seed': (0, 2**63 - 1), 'rate': (0.01, 1000.0), 'ready_s': (1.0, 3600.0)}
 
@@ -204,6 +207,7 @@ def _parameters(
             'rrt_star': {'comfort_m': route.comfort_m},
         },
         f'{options.planner}{PLANNER_SUFFIX}': sensing,
+        'safety_monitor': {**vessel, 'lidar': dataclasses.asdict(scenario.lidar)},
         'pid_controller': vessel,
         RECORDER: {
             'bag': str((out / BAG).resolve()),
@@ -266,11 +270,10 @@ def _versions() -> Mapping[str, str]:
 
 
 def _command(spec: NodeSpec, options: GraphOptions, out: Path) -> Command:
-    remaps = [f'{old}:={new}' for old, new in spec.remaps]
-    if options.namespace:
-        remaps.append(f'__ns:=/{options.namespace.strip("/")}')
     arguments = ['--ros-args', '--params-file', str((out / PARAMETERS).resolve())]
-    arguments += [part for remap in remaps for part in ('-r', remap)]
+    arguments += ['-p', 'autostart:=false']  # not in the file, which serves to start a node by hand, too
+    if options.namespace:
+        arguments += ['-r', f'__ns:=/{options.namespace.strip("/")}']
     return Command(
         name=spec.name,
         argv=(sys.executable, '-m', spec.module, *arguments),
@@ -278,6 +281,7 @@ def _command(spec: NodeSpec, options: GraphOptions, out: Path) -> Command:
         on_death=OnDeath.END if options.lock_step and spec.in_loop else spec.on_death,
         finishes=spec.finishes,
         stops_last=spec.stops_last,
+        managed=True,
     )
 
 

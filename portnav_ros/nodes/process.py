@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import os
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import NamedTuple
 
+from portnav_ros.nodes import guardian
 from portnav_ros.nodes.status_pipe import STATUS_FD, StatusReader
 from portnav_ros.nodes.table import OnDeath
 
@@ -16,7 +20,7 @@ TAIL_LINES = 15
 
 
 class Command(NamedTuple):
-    """What to run, where its output goes and what its death means."""
+    """What to run, where its output goes and what its death means; managed: it has a node's lifecycle."""
 
     name: str
     argv: tuple[str, ...]
@@ -24,16 +28,21 @@ class Command(NamedTuple):
     on_death: OnDeath = OnDeath.END
     finishes: bool = False
     stops_last: bool = False
+    managed: bool = False
 
 
 class NodeProcess:
-    """A running command; leads a process group of its own, so that a terminal's Ctrl-C does not reach it."""
+    """A running command; leads a process group of its own, so that a terminal's Ctrl-C does not reach it.
+
+    ``up``: it has said so; ``ready``: it does its work.
+    """
 
     def __init__(self, command: Command, environment: dict[str, str]) -> None:
         self.command = command
         self.reader = StatusReader()
         self.started_s = time.monotonic()
-        self.ready = False
+        self.up = self.ready = False
+        self.configured_after_s = math.nan
         command.log.parent.mkdir(parents=True, exist_ok=True)
         with command.log.open('ab') as log:
             self._process = subprocess.Popen(
@@ -73,6 +82,36 @@ class NodeProcess:
         self.reader.close()
         os.close(self.death)
         return self._process.wait()
+
+
+class Guardian:
+    """A process that ends what is left of the others, should this one be killed: guardian.py.
+
+    Args:
+        held_files: descriptors that it keeps open until the last process has ended.
+    """
+
+    def __init__(self, held_files: tuple[int, ...]) -> None:
+        self._process = subprocess.Popen(
+            (sys.executable, '-I', '-S', guardian.__file__),
+            stdin=subprocess.PIPE,
+            start_new_session=True,
+            pass_fds=held_files,
+        )
+
+    def tell(self, group: int) -> None:
+        """Name a process group that has started, or, with a minus, one that has ended."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.write(f'{group}\n'.encode())
+            self._process.stdin.flush()
+
+    def close(self) -> None:
+        """Let it go, once the others have ended."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(BrokenPipeError):
+            self._process.stdin.close()
+        self._process.wait()
 
 
 def tail(log: Path, lines: int = TAIL_LINES) -> str:

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 import select
 import selectors
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, Self
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-from portnav_ros.nodes import guardian
-from portnav_ros.nodes.process import Command, NodeProcess, describe, tail
+from portnav_ros.nodes.pending_signals import PendingSignals
+from portnav_ros.nodes.process import Command, Guardian, NodeProcess, describe, tail
 from portnav_ros.nodes.table import OnDeath
 
+if TYPE_CHECKING:  # it loads ROS, which is better done while the nodes start
+    from portnav_ros.nodes.lifecycle_manager import LifecycleManager
+
 REFUSED = (2, 3)  # exit codes of a node: its parameters, chart or scenario; no model
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+MANAGE_S = 0.1  # between two looks at what the manager has to do, if it waits for nothing
+LOOK_S = 0.005  # that it may take for a look
 
 
 class Limits(NamedTuple):
@@ -26,6 +26,7 @@ class Limits(NamedTuple):
 
     ready_s: float = 120.0  # a first start compiles kernels
     notice_s: float = 4.0  # then say what is still awaited
+    rest_s: float = 3.0  # to deactivate, before SIGINT
     interrupt_s: float = 5.0  # between SIGINT and SIGTERM
     terminate_s: float = 3.0  # between SIGTERM and SIGKILL
     restarts: int = 3
@@ -72,6 +73,8 @@ class Supervisor:
         environment: of every process.
         say: takes one line for the user.
         held_files: descriptors that stay open until the last process has ended, such as a lock.
+        make_manager: is called once the processes have been started, if nodes among them are managed: these
+            are ready when they are active, other processes as soon as they say so.
     """
 
     def __init__(
@@ -81,51 +84,52 @@ class Supervisor:
         say: Callable[[str], None],
         limits: Limits = Limits(),  # noqa: B008 - immutable
         held_files: tuple[int, ...] = (),
+        make_manager: Callable[[], LifecycleManager] | None = None,
     ) -> None:
         self._commands = {command.name: command for command in commands}
         self._environment = environment
         self._say = say
         self._limits = limits
         self._held_files = held_files
+        self._make_manager = make_manager
+        self._manager: LifecycleManager | None = None
         self._running: dict[str, NodeProcess] = {}
         self._deaths = dict.fromkeys(self._commands, 0)
         self._restart_at_s: dict[str, float] = {}
         self._selector = selectors.DefaultSelector()
-        self._signals: list[int] = []
 
     def __enter__(self) -> Self:
         """Start every process."""
-        self._take_signals()
-        self._guardian = subprocess.Popen(
-            (sys.executable, '-I', '-S', guardian.__file__),
-            stdin=subprocess.PIPE,
-            start_new_session=True,
-            pass_fds=self._held_files,
-        )
+        self._signals = PendingSignals()
+        self._selector.register(self._signals.descriptor, selectors.EVENT_READ, self._on_signal)
+        self._guardian = Guardian(self._held_files)
         try:
             for name in self._commands:
                 self._launch(name)
-        except OSError:
+            if self._make_manager is not None:
+                self._manager = self._make_manager()
+        except BaseException:
             self.__exit__()
             raise
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stop every process and give signals back to who had them."""
-        self.stop()
-        assert self._guardian.stdin is not None
-        with contextlib.suppress(BrokenPipeError):
-            self._guardian.stdin.close()
-        self._guardian.wait()
-        signal.set_wakeup_fd(-1)
-        for number, handler in self._handlers.items():
-            signal.signal(number, handler)
+        """Deactivate every node, end its process by SIGINT, SIGTERM or SIGKILL, and give the signals back.
+
+        A signal meanwhile cuts a wait short.
+        """
+        try:
+            self._rest()
+        finally:
+            self._end()
+        self._guardian.close()
+        if self._manager is not None:
+            self._manager.close()
         self._selector.close()
-        os.close(self._wake_reader)
-        os.close(self._wake_writer)
+        self._signals.close()
 
     def wait_ready(self) -> list[Report]:
-        """Return once every process has reported ready, with what else they said.
+        """Return once every process is ready, with what else they said.
 
         Raises:
             NotReadyError: one took longer than the limit.
@@ -136,7 +140,8 @@ class Supervisor:
         reports: list[Report] = []
         while waiting := [name for name, process in self._running.items() if not process.ready]:
             if time.monotonic() > notice_s:
-                self._say(f'waiting for {", ".join(waiting)} (a first start compiles kernels, once)')
+                behind = ', '.join(self._behind() or waiting)
+                self._say(f'waiting for {behind} (a first start compiles kernels, once)')
                 notice_s = float('inf')
             reports += self.poll(0.5)
         return reports
@@ -150,15 +155,16 @@ class Supervisor:
             StopRequest: a signal came.
         """
         self._check_times()
-        reports: list[Report] = []
-        for key, _ in self._selector.select(timeout_s):
+        reports, wait_s = self._manage(), timeout_s
+        if self._manager is not None:
+            wait_s = 0.0 if self._manager.waits(self._pids()) else min(MANAGE_S, timeout_s)
+        for key, _ in self._selector.select(wait_s):
             reports += key.data()
         if self._signals:
-            raise StopRequest(self._signals.pop())
+            raise StopRequest(self._signals.take())
         return reports
 
-    def stop(self) -> None:
-        """End every process: SIGINT, then SIGTERM, then SIGKILL; a signal meanwhile cuts the wait short."""
+    def _end(self) -> None:
         steps = (
             (signal.SIGINT, self._limits.interrupt_s),
             (signal.SIGTERM, self._limits.terminate_s),
@@ -173,34 +179,60 @@ class Supervisor:
                     process.signal(number)
                 self._await_end(group, time.monotonic() + patience_s)
 
+    def _manage(self) -> list[Report]:
+        """Let the manager work; tells which nodes have become active, and how long that took."""
+        if self._manager is None:
+            return []
+        reports = []
+        for name, active in self._manager.step(self._pids(), LOOK_S).items():
+            process = self._running[name]
+            after_s = time.monotonic() - process.started_s
+            if active:
+                process.ready = True
+                values = {'configured_after_s': process.configured_after_s, 'active_after_s': after_s}
+                reports.append(Report(name, values))
+            else:
+                process.configured_after_s = after_s
+        return reports
+
+    def _rest(self) -> None:
+        """Deactivate what is active, as long as it answers and no signal comes."""
+        if self._manager is None:
+            return
+        self._manager.begin_rest()
+        limit_s = time.monotonic() + self._limits.rest_s
+        while not self._signals and time.monotonic() < limit_s and self._manager.waits(self._pids()):
+            self._manager.step(self._pids(), LOOK_S)
+        self._signals.clear()
+
+    def _pids(self) -> dict[str, int | None]:
+        """Process of each node that runs, or is to run again; None where it cannot be spoken to."""
+        running = {
+            name: process.pid if process.up and not process.has_ended() else None
+            for name, process in self._running.items()
+        }
+        return running | dict.fromkeys(self._restart_at_s)
+
+    def _behind(self) -> Mapping[str, str]:
+        return self._manager.behind(self._pids()) if self._manager is not None else {}
+
     def _await_end(self, group: list[NodeProcess], limit_s: float) -> None:
         while group and time.monotonic() < limit_s and not self._signals:
-            select.select([*(process.death for process in group), self._wake_reader], [], [], 0.1)
-            self._on_wake()
+            select.select([*(process.death for process in group), self._signals.descriptor], [], [], 0.1)
+            self._signals.quiet()
             for process in [process for process in group if process.has_ended()]:
                 group.remove(process)
                 self._forget(process)
         self._signals.clear()
 
-    def _take_signals(self) -> None:
-        self._wake_reader, self._wake_writer = os.pipe()
-        for descriptor in (self._wake_reader, self._wake_writer):
-            os.set_blocking(descriptor, False)
-        self._selector.register(self._wake_reader, selectors.EVENT_READ, self._on_wake)
-        signal.set_wakeup_fd(self._wake_writer, warn_on_full_buffer=False)
-        self._handlers = {
-            number: signal.signal(number, lambda n, _: self._signals.append(n)) for number in SIGNALS
-        }
-
-    def _on_wake(self) -> list[Report]:
-        with contextlib.suppress(BlockingIOError):
-            os.read(self._wake_reader, 256)
+    def _on_signal(self) -> list[Report]:
+        self._signals.quiet()
         return []
 
     def _launch(self, name: str) -> None:
         process = NodeProcess(self._commands[name], self._environment)
         self._running[name] = process
-        self._tell_guardian(process.pid)
+        self._guardian.tell(process.pid)
         events = (
             (process.reader.descriptor, lambda: self._on_report(process)),
             (process.death, lambda: self._on_death(process)),
@@ -208,19 +240,14 @@ class Supervisor:
         for descriptor, action in events:
             self._selector.register(descriptor, selectors.EVENT_READ, action)
 
-    def _tell_guardian(self, group: int) -> None:
-        assert self._guardian.stdin is not None
-        with contextlib.suppress(BrokenPipeError):
-            self._guardian.stdin.write(f'{group}\n'.encode())
-            self._guardian.stdin.flush()
-
     def _on_report(self, process: NodeProcess) -> list[Report]:
         if self._running.get(process.command.name) is not process:
             return []
         reports = process.reader.read()
         if not process.reader.open:
             self._ignore(process.reader.descriptor)
-        process.ready = process.ready or any('ready' in values for values in reports)
+        process.up = process.up or any('ready' in values for values in reports)
+        process.ready = process.ready or (process.up and not process.command.managed)
         return [Report(process.command.name, values) for values in reports]
 
     def _on_death(self, process: NodeProcess) -> list[Report]:
@@ -255,16 +282,16 @@ class Supervisor:
         for name, process in self._running.items():
             waited_s = now_s - process.started_s
             if not process.ready and waited_s > self._limits.ready_s:
-                raise NotReadyError(
-                    f'{name} is not ready after {waited_s:.0f} s; {tail(process.command.log)}'
-                )
+                blamed, why = next(iter(self._behind().items()), (name, 'it has said nothing'))
+                log = self._commands[blamed].log
+                raise NotReadyError(f'{blamed} is not ready after {waited_s:.0f} s: {why}; {tail(log)}')
 
     def _forget(self, process: NodeProcess) -> int:
         del self._running[process.command.name]
         self._ignore(process.reader.descriptor)
         self._ignore(process.death)
         code = process.collect()
-        self._tell_guardian(-process.pid)
+        self._guardian.tell(-process.pid)
         return code
 
     def _ignore(self, descriptor: int) -> None:

@@ -1,5 +1,8 @@
 """The one table of nodes: what `portnav up`, the launch file and `portnav run` start, and how.
 
+Its order is that of activation: who listens comes before who speaks to it, and the driver last, so that
+nothing is lost and no vessel sails before all is there. Nodes are deactivated in reverse.
+
 Executable = node name = YAML key = module in portnav_ros.nodes.
 """
 
@@ -30,7 +33,6 @@ class NodeSpec(NamedTuple):
     in_loop: bool = False
     finishes: bool = False
     stops_last: bool = False
-    remaps: tuple[tuple[str, str], ...] = ()
 
     @property
     def module(self) -> str:
@@ -40,18 +42,17 @@ class NodeSpec(NamedTuple):
 
 PLANNER_SUFFIX = '_planner'
 RECORDER = 'bag_recorder'
-# While no safety node stands between planner and autopilot, the planner speaks to the autopilot directly.
-_UNCHECKED = (('setpoint_raw', 'setpoint'),)
 
 NODES = (
-    NodeSpec('sim', OnDeath.END, in_loop=True, finishes=True),
-    NodeSpec('global_planner', OnDeath.RESTART),
-    NodeSpec('muzero_planner', OnDeath.RESTART, in_loop=True, remaps=_UNCHECKED),
-    NodeSpec('dwa_planner', OnDeath.RESTART, in_loop=True, remaps=_UNCHECKED),
-    NodeSpec('ppo_planner', OnDeath.RESTART, in_loop=True, remaps=_UNCHECKED),
-    NodeSpec('line_of_sight_planner', OnDeath.RESTART, in_loop=True, remaps=_UNCHECKED),
-    NodeSpec('pid_controller', OnDeath.RESTART, in_loop=True),
     NodeSpec(RECORDER, OnDeath.GO_ON, stops_last=True),
+    NodeSpec('pid_controller', OnDeath.RESTART, in_loop=True),
+    NodeSpec('safety_monitor', OnDeath.RESTART, in_loop=True),
+    NodeSpec('muzero_planner', OnDeath.RESTART, in_loop=True),
+    NodeSpec('dwa_planner', OnDeath.RESTART, in_loop=True),
+    NodeSpec('ppo_planner', OnDeath.RESTART, in_loop=True),
+    NodeSpec('line_of_sight_planner', OnDeath.RESTART, in_loop=True),
+    NodeSpec('global_planner', OnDeath.RESTART),
+    NodeSpec('sim', OnDeath.END, in_loop=True, finishes=True),
 )
 NAMES = tuple(spec.name for spec in NODES)
 LOCAL_PLANNERS = tuple(

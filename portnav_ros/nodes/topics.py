@@ -15,6 +15,7 @@ from nav_msgs.msg import Goals, OccupancyGrid, Odometry, Path
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, LaserScan
+from std_msgs.msg import Bool
 from visualization_msgs.msg import MarkerArray
 
 MAP_FRAME = 'map'
@@ -59,11 +60,14 @@ _ROWS = (
     Topic('plan', Path, 1, latched=True, frame=MAP_FRAME),
     Topic('setpoint_raw', Odometry, 1, rate_hz=1.0, frame=MAP_FRAME),
     Topic('setpoint', Odometry, 1, rate_hz=1.0, frame=MAP_FRAME),
+    Topic('safety_state', DiagnosticStatus, 1, latched=True),
+    Topic('emergency_stop', Bool, 1, recorded=False),
     Topic('trajectory', Path, 1, rate_hz=1.0, frame=MAP_FRAME, recorded=False),
     Topic('markers', MarkerArray, 1, rate_hz=1.0, frame=MAP_FRAME, recorded=False),
     Topic('navigation_state', DiagnosticStatus, 1, latched=True),
     Topic('episode', DiagnosticStatus, 1, latched=True),
     Topic('recorded', Clock, 1, recorded=False),
+    Topic('managed_nodes_activated', Bool, 1, latched=True, recorded=False),
 )
 TOPICS: dict[str, Topic] = {topic.name: topic for topic in _ROWS}
 

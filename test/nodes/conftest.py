@@ -82,10 +82,15 @@ class Graph:
         self.until(future.done, f'an answer of {name}')
         return future.result()
 
+    def remove(self, node):
+        """End a node."""
+        self.nodes.remove(node)
+        self.executor.remove_node(node)
+        node.destroy_node()
+
     def close(self):
-        for node in self.nodes:
-            self.executor.remove_node(node)
-            node.destroy_node()
+        for node in list(self.nodes):
+            self.remove(node)
         self.context.try_shutdown()
 
     def _take(self, node):

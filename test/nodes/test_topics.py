@@ -5,7 +5,7 @@ from rclpy.qos import DurabilityPolicy, QoSCompatibility, ReliabilityPolicy, qos
 
 from portnav_ros.nodes.topics import TOPICS, asked_qos, offered_qos
 
-LATCHED = {'map', 'plan', 'navigation_state', 'episode'}
+LATCHED = {'map', 'plan', 'navigation_state', 'episode', 'safety_state', 'managed_nodes_activated'}
 
 
 @pytest.mark.parametrize('topic', TOPICS.values(), ids=TOPICS)
