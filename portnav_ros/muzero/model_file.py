@@ -74,6 +74,11 @@ class Model:
         """File name and the hash's first digits."""
         return f'{self.path.name} {self.sha256[:12]}'
 
+    @property
+    def identity(self) -> dict[str, str]:
+        """File name and hash, as diagnostics tell them."""
+        return {'model': self.path.name, 'model_sha256': self.sha256}
+
 
 def save_model(path: Path, tensors: Mapping[str, Array32], card: Card) -> None:
     """Write weights and card, each in one piece; the same input gives the same bytes.

@@ -77,6 +77,9 @@ class BagRecorder(PortNode[RecorderParams]):
         """Open the bag and listen; from here on nothing is lost."""
         params = self.params
         topics = [topic for topic in TOPICS.values() if topic.recorded]
+        self._names = [topic.name for topic in topics]
+        for topic in topics:
+            self.vitals.expect(topic.name, lasting=topic.latched)
         self._queues = [self._queue(number, topic) for number, topic in enumerate(topics)]
         self._recording = self._open(topics)
         regular = SLACK_NS if params.lock_step else ('odom',)
@@ -164,6 +167,7 @@ class BagRecorder(PortNode[RecorderParams]):
 
     def _take(self, number: int, data: bytes) -> None:
         stamp = self._recording.push(number, data)
+        self.vitals.hear(self._names[number], time.monotonic(), stamp)
         if number in self._slack_ns:
             self._complete_ns[number] = stamp + self._slack_ns[number]
 

@@ -33,7 +33,7 @@ from portnav_ros.nodes.runtime import Health, PortNode
 from portnav_ros.params import Ranges, check_ranges
 from portnav_ros.sim.scenario import PATH_SPACING_M, LidarParams
 from portnav_ros.task.observation import ObservationParams, Observer
-from portnav_ros.task.policy import Policy
+from portnav_ros.task.policy import Holding, Policy
 from portnav_ros.types import RUDDER, STATE_SIZE, THRUST, YAW, Array, Scan, Setpoint, X, Y
 from portnav_ros.vessel import VesselParams
 
@@ -50,8 +50,10 @@ class PlannerParams(NodeParams):
     the PID controller, which a planner may simulate. lidar.*: the sensor, whose rays are checked.
     observation.*: what the policy sees; a learned one sees what its model was trained on. lock_step: answer
     each decision with odometry, scan and actuator feedback of the very same stamp. period_s: from decision
-    to decision. age_s: of scan and odometry, past which the vessel is stopped. goal_radius_m: from the end
-    of the plan, within which it is stopped.
+    to decision. age_s: of scan and odometry, past which the vessel is stopped. release_s: time with both
+    before it sails again. rate: simulated seconds per second. goal_radius_m: from the end of the plan, within
+    which it is stopped. stuck_s: time without progress after which a plan is asked for anew, once, and after
+    which again the vessel is stopped.
     """
 
     preset: str = 'shuttle'
@@ -62,11 +64,17 @@ class PlannerParams(NodeParams):
     lock_step: bool = False
     period_s: float = 1.0
     age_s: float = 0.5
+    release_s: float = 2.0
+    rate: float = 1.0
     goal_radius_m: float = 50.0
+    stuck_s: float = 180.0
     ranges: ClassVar[Ranges] = {
         'period_s': (0.05, 60.0),
         'age_s': (0.05, 60.0),
+        'release_s': (0.0, 600.0),
+        'rate': (0.01, 1000.0),
         'goal_radius_m': (0.0, 1000.0),
+        'stuck_s': (1.0, 86400.0),
     }
 
     def __post_init__(self) -> None:
@@ -91,11 +99,14 @@ class LocalPlanner(PortNode[PlannerParams]):
     ) -> None:
         super().__init__(name, defaults, **options)
         self._make_policy = make_policy
+        self.steady_s = time.monotonic
 
     def configure(self) -> None:
         """Make the policy and compile it, and speak and listen."""
         params = self.params
         self._period_ns, self._age_ns = nanoseconds(params.period_s), nanoseconds(params.age_s)
+        self._ages = InputAges({ODOM: params.age_s, SCAN: params.age_s}, params.rate)
+        self._watched = ProgressWatch(params.stuck_s)
         self._observer = Observer(1, params.lidar, params.observation)
         self.get_logger().info('preparing the planner; the first start compiles kernels, up to a minute')
         self._policy = self._make_policy(params)
@@ -104,15 +115,17 @@ class LocalPlanner(PortNode[PlannerParams]):
         self._message = new_setpoint()
         self._setpoints = self.publisher('setpoint_raw')
         self._states = self.publisher('navigation_state')
+        self._goals = self.publisher('goal_pose')
         self.subscribe('plan', self._take_plan, always=True)
         unwanted = self._between_decisions if self.lock_step else None
-        self.subscribe('odom', self._take_odometry, unwanted)
-        self.subscribe('scan', self._take_scan, unwanted)
+        self.subscribe(ODOM, self._take_odometry, unwanted)
+        self.subscribe(SCAN, self._take_scan, unwanted)
         self.subscribe('joint_states', self._take_joints, unwanted)
         self.timer(WATCH_S, self._watch)
 
     def activate(self) -> None:
         """Know nothing yet but the plan."""
+        self._hold = Hold()
         self._forget()
 
     def deactivate(self) -> None:
@@ -126,10 +139,11 @@ class LocalPlanner(PortNode[PlannerParams]):
         values = {
             'odom_ns': self._time_ns,
             'scan_ns': self._scan_ns,
+            'stop_reason': self._reason,
             **self._latency(),
         }
         if self._time_ns < 0:
-            return Health(DiagnosticStatus.WARN, 'no odometry yet', values)
+            return Health(DiagnosticStatus.WARN, 'no odom yet', values)
         if self._reason:
             return Health(DiagnosticStatus.WARN, f'stop: {self._reason}', values)
         return Health(values=values)
@@ -163,13 +177,15 @@ class LocalPlanner(PortNode[PlannerParams]):
         self._reason = ''
         self._stop_yaw_rad: float | None = None
         self._decisions_s: deque[float] = deque(maxlen=DECISIONS)
-        self._heard_s = time.monotonic()
+        self._ages.forget()
         self._begin_path()
 
     def _begin_path(self) -> None:
+        self._advance = Advance.SAIL_ON
         if self._path is not None and len(self._path):
             self._observer.reset(EVERYONE, [self._path])
             self._policy.reset(EVERYONE)
+            self._watched.begin(tuple(self._path[-1]), self.params.goal_radius_m)
 
     def _take_plan(self, message: Path) -> None:
         path = read_path(message)
@@ -183,23 +199,28 @@ class LocalPlanner(PortNode[PlannerParams]):
 
     def _take_odometry(self, message: Odometry) -> None:
         state, time_ns = read_odometry(message), read_stamp(message.header.stamp)
-        if time_ns < self._time_ns:
+        if self._note(ODOM, time_ns) is Arrival.JUMPED:
             self._forget()
-        self._own[0, :RUDDER] = state[:RUDDER]
-        self._time_ns, self._heard_s = time_ns, time.monotonic()
+            self._note(ODOM, time_ns)
+        if time_ns < self._time_ns:
+            return  # overtaken on its way
+        self._own[0, :RUDDER], self._time_ns = state[:RUDDER], time_ns
         self._decide_if_due()
 
     def _take_scan(self, message: LaserScan) -> None:
         stamp_ns = read_stamp(message.header.stamp)
-        if not self.lock_step and 0 <= self._time_ns < stamp_ns - self._age_ns:
-            raise MessageError('stamp lies in the future')
-        self._scan_seen_ns = stamp_ns
         try:
             scan = read_scan(message)
-            _check_rays(scan, self._ranges.shape[1])
+            if misfit := ray_misfit(scan, self._ranges.shape[1]):
+                raise MessageError(misfit)
+            self._note(SCAN, stamp_ns)
             self._ranges[0], self._scan_ns = scan.ranges, stamp_ns
         finally:
-            self._decide_if_due()
+            if self.lock_step:
+                self._scan_seen_ns = stamp_ns
+                self._decide_if_due()
+        self._scan_seen_ns = stamp_ns
+        self._decide_if_due()
 
     def _take_joints(self, message: JointState) -> None:
         feedback = read_joints(message)
@@ -254,7 +275,8 @@ class LocalPlanner(PortNode[PlannerParams]):
         decision_s = time.perf_counter() - started_s
         self._stop_yaw_rad = None
         self._publish()
-        self.explain(decision_s)
+        if not isinstance(self._policy, Holding) or self._policy.decided.any():
+            self.explain(decision_s)
 
     def _stop(self) -> None:
         if self._stop_yaw_rad is None:

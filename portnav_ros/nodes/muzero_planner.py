@@ -65,7 +65,6 @@ class MuZeroPlanner(LocalPlanner):
         self._policy.best_track(np.zeros(STATE_SIZE), np.eye(2))  # compiles
         self._policy.reset(EVERYONE)
         self._markers = self.publisher('markers')
-        self._shown: Decision | None = None
         label, simulations = self._policy.model.label, self._policy.simulations
         self.get_logger().info(f'{label} with {simulations} simulations')
 
@@ -73,7 +72,7 @@ class MuZeroPlanner(LocalPlanner):
         """Add the model, and what the last search found."""
         level, text, values = super().health()
         policy = self._policy
-        found = {'model': policy.model.label, 'simulations': policy.simulations}
+        found = {**policy.model.identity, 'simulations': policy.simulations}
         if policy.misfit and level == DiagnosticStatus.OK:
             level, text = DiagnosticStatus.WARN, policy.misfit
         if policy.decision is not None:
@@ -81,11 +80,8 @@ class MuZeroPlanner(LocalPlanner):
         return Health(level, text, {**values, **found})
 
     def explain(self, decision_s: float) -> None:
-        """Show a new decision; what only holds the last one is none."""
-        if self._policy.decision is self._shown:
-            return
+        """Show a new decision."""
         super().explain(decision_s)
-        self._shown = self._policy.decision
         if self._markers.get_subscription_count():
             track = self._policy.best_track(self._own[0], self._path)
             self._markers.publish(MarkerArray(markers=[track_marker('rollout', track, (0.2, 1.0, 0.4))]))

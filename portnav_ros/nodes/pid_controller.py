@@ -24,12 +24,16 @@ from portnav_ros.nodes.messages import (
 from portnav_ros.nodes.parameters import NodeParams
 from portnav_ros.nodes.runtime import Health, PortNode, run_node
 from portnav_ros.params import Ranges, check_ranges
-from portnav_ros.types import STATE_SIZE, Actuation, Setpoint
+from portnav_ros.safety.ages import Arrival, InputAges
+from portnav_ros.safety.braking import AsternBound
+from portnav_ros.safety.decision import Hold, held
+from portnav_ros.safety.rivals import RivalWatch
+from portnav_ros.types import STATE_SIZE, YAW, Actuation, Setpoint
 from portnav_ros.vessel import VesselParams
 
 NAME = 'pid_controller'
+ODOM, SETPOINT = 'odom', 'setpoint'
 NEUTRAL = Actuation(0.0, 0.0)
-FUTURE_NS = nanoseconds(0.1)
 WATCH_S = 0.1
 
 
@@ -39,8 +43,10 @@ class PidParams(NodeParams):
 
     preset: vessel in config/vessels, or a YAML file; vessel.*: what differs from it. autopilot.*: gains.
     lock_step: wait for the setpoint of the present decision before answering. planner_period_s: of the
-    local planner. setpoint_age_s: age of the setpoint past which the vessel is stopped. odom_age_s: silence
-    of the driver past which commands are neutral. period_s: of the odometry, for the first step.
+    local planner. setpoint_age_s: age of the setpoint past which the vessel is stopped. odom_age_s: the same
+    for odometry, past which commands are neutral. release_s: time without any reason to stop before a
+    stop ends. rate: simulated seconds per second. astern_s: longest time of astern thrust on end; 0 is
+    half as long again as a stop from full speed takes. period_s: of the odometry, for the first step.
     limit_rates: change commands no faster than the vessel's actuators move (rudder_rate_radps,
     thrust_rate_nps), for a driver that passes them on as they come; the simulated actuators, like most
     steering gears, have a rate of their own, and limiting twice costs agility.
@@ -53,12 +59,18 @@ class PidParams(NodeParams):
     planner_period_s: float = 1.0
     setpoint_age_s: float = 1.5
     odom_age_s: float = 0.5
+    release_s: float = 2.0
+    rate: float = 1.0
+    astern_s: float = 0.0
     period_s: float = 0.05
     limit_rates: bool = False
     ranges: ClassVar[Ranges] = {
         'planner_period_s': (0.05, 60.0),
         'setpoint_age_s': (0.05, 600.0),
         'odom_age_s': (0.05, 60.0),
+        'release_s': (0.0, 600.0),
+        'rate': (0.01, 1000.0),
+        'astern_s': (0.0, 3600.0),
         'period_s': (0.001, 1.0),
     }
 
@@ -71,29 +83,33 @@ DEFAULTS = PidParams()
 
 
 class PidController(PortNode[PidParams]):
-    """Time is the stamp of the newest odometry; ages are told in it."""
+    """Answers each odometry with a command of its stamp; without a setpoint to trust it stops the vessel."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, DEFAULTS, **options)
+        self.steady_s = time.monotonic
 
     def configure(self) -> None:
         """Compile the autopilot, and speak and listen."""
         self._gains, self._model = self.params.autopilot.gains(), self.params.vessel.model()
         self._own, self._memory = np.zeros(STATE_SIZE), np.zeros(PID_SIZE)
         self._period_ns = nanoseconds(self.params.planner_period_s)
-        self._setpoint_age_ns = nanoseconds(self.params.setpoint_age_s)
+        limits_s = {ODOM: self.params.odom_age_s, SETPOINT: self.params.setpoint_age_s}
+        self._ages = InputAges(limits_s, self.params.rate)
+        self._astern = AsternBound(self.params.astern_s, self.params.vessel)
+        self._rivals = RivalWatch(SETPOINT)
         self.get_logger().info('the first start compiles the autopilot, a few seconds')
         steer(self._gains, self._model, np.zeros(PID_SIZE), self._own, 0.0, 0.0, self.params.period_s)
         self._message = new_joints()
         self._commands = self.publisher('cmd_actuators')
-        self.subscribe('odom', self._take_odometry)
-        self.subscribe('setpoint', self._take_setpoint)
+        self.subscribe(ODOM, self._take_odometry)
+        self._listens_to = self.subscribe(SETPOINT, self._take_setpoint)
         self.timer(WATCH_S, self._watch)
 
     def activate(self) -> None:
         """Know nothing yet."""
+        self._hold, self._rivalry = Hold(reason='no odom yet'), ''
         self._forget()
-        self._stop_reason = 'no odometry yet'
 
     def deactivate(self) -> None:
         """Leave the actuators neutral."""
@@ -102,9 +118,17 @@ class PidController(PortNode[PidParams]):
 
     def health(self) -> Health:
         """Tell why the vessel is being stopped, if it is."""
-        values = {'time_ns': self._time_ns, 'setpoint_ns': self._setpoint_ns}
-        if self._stop_reason:
-            return Health(DiagnosticStatus.WARN, f'stop: {self._stop_reason}', values)
+        values = {
+            'time_ns': self._time_ns,
+            'setpoint_ns': self._setpoint_ns,
+            'stop_reason': self._hold.reason,
+        }
+        if self._rivalry:
+            return Health(DiagnosticStatus.ERROR, f'stop: {self._rivalry}', values)
+        if self._hold.reason:
+            return Health(DiagnosticStatus.WARN, f'stop: {self._hold.reason}', values)
+        if self._astern.reached:
+            return Health(DiagnosticStatus.WARN, 'astern for too long: no more astern thrust', values)
         return Health(values=values)
 
     def _forget(self) -> None:
@@ -113,25 +137,30 @@ class PidController(PortNode[PidParams]):
         self._time_ns, self._setpoint_ns, self._unspent_s = -1, -1, 0.0
         self._setpoint, self._command = Setpoint(0.0, 0.0), NEUTRAL
         self._stop_yaw_rad: float | None = None
-        self._heard_s = time.monotonic()
+        self._astern.forget()
+        self._ages.forget()
 
     def _take_odometry(self, message: Odometry) -> None:
         state, time_ns = read_odometry(message), read_stamp(message.header.stamp)
-        if time_ns < self._time_ns:
+        arrival = self._ages.note(ODOM, time_ns, self._steady_s(time_ns))
+        if arrival is Arrival.FUTURE:
+            raise MessageError(arrival.value)
+        if arrival is Arrival.JUMPED:
             self._forget()
+            self._ages.note(ODOM, time_ns, self._steady_s(time_ns))
+        if time_ns < self._time_ns:
+            return  # overtaken on its way
         first = self._time_ns < 0
-        step_s = self.params.period_s if first else (time_ns - self._time_ns) / SECOND_NS
-        self._own[:] = state
-        self._heard_s, self._time_ns = time.monotonic(), time_ns
-        self._unspent_s += step_s
+        self._unspent_s += self.params.period_s if first else (time_ns - self._time_ns) / SECOND_NS
+        self._own[:], self._time_ns = state, time_ns
         self._answer()
 
     def _take_setpoint(self, message: Odometry) -> None:
         setpoint, stamp_ns = read_setpoint(message), read_stamp(message.header.stamp)
-        if 0 <= self._time_ns < stamp_ns - FUTURE_NS:
-            raise MessageError('stamp lies in the future')
-        self._setpoint = setpoint
-        self._setpoint_ns = min(stamp_ns, self._time_ns) if self._time_ns >= 0 else stamp_ns
+        arrival = self._ages.note(SETPOINT, stamp_ns, self._steady_s(stamp_ns))
+        if arrival is Arrival.FUTURE:
+            raise MessageError(arrival.value)
+        self._setpoint, self._setpoint_ns = setpoint, stamp_ns
         if self._time_ns >= 0:
             self._answer()
 
@@ -141,7 +170,8 @@ class PidController(PortNode[PidParams]):
         if self.lock_step and self._setpoint_ns < decision_ns:
             return
         target, step_s, self._unspent_s = self._target(), self._unspent_s, 0.0
-        command = Actuation(*steer(self._gains, self._model, self._memory, self._own, *target, step_s))
+        rudder, thrust = steer(self._gains, self._model, self._memory, self._own, *target, step_s)
+        command = Actuation(rudder, self._astern.apply(thrust, step_s))
         if self.params.limit_rates:
             command = limited(command, self._command, self.params.vessel, step_s)
         self._command = command
@@ -150,19 +180,31 @@ class PidController(PortNode[PidParams]):
 
     def _target(self) -> Setpoint:
         """Return the setpoint, or a stop on the present heading, which keeps the rudder effective."""
-        if self._setpoint_ns >= 0 and self._time_ns - self._setpoint_ns <= self._setpoint_age_ns:
-            self._stop_yaw_rad, self._stop_reason = None, ''
+        self._judge()
+        if not self._hold.reason:
+            self._stop_yaw_rad = None
             return self._setpoint
         if self._stop_yaw_rad is None:
-            self._stop_yaw_rad = float(self._own[2])
-        self._stop_reason = 'no setpoint yet' if self._setpoint_ns < 0 else 'setpoint too old'
+            self._stop_yaw_rad = float(self._own[YAW])
         return Setpoint(self._stop_yaw_rad, 0.0)
+
+    def _judge(self) -> None:
+        """Tell whether there is a reason to stop, or was one just now."""
+        steady_s = self._steady_s(self._time_ns)
+        reason = self._ages.too_old(steady_s) or self._rivalry
+        self._hold = held(self._hold, reason, self._ages.now_ns(steady_s) / SECOND_NS, self.params.release_s)
+
+    def _steady_s(self, stamp_ns: int) -> float:
+        """The time that ages are told in; in lock-step only stamps tell it."""
+        return stamp_ns / SECOND_NS if self.lock_step else self.steady_s()
 
     def _watch(self) -> None:
         """Keep the actuators neutral while the driver says nothing: there is no heading to keep."""
-        silent = self._time_ns >= 0 and time.monotonic() - self._heard_s > self.params.odom_age_s
-        if silent and not self.lock_step:
-            self._stop_reason = 'odometry too old: actuators neutral'
+        if self.lock_step:
+            return
+        self._rivalry = self._rivals.note(self.publishers_of(self._listens_to), self.steady_s())
+        if self._time_ns >= 0 and self._ages.is_late(ODOM, self.steady_s()):
+            self._judge()
             self._publish_neutral()
 
     def _publish_neutral(self) -> None:

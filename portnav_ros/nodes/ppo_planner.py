@@ -57,7 +57,7 @@ class PpoPlanner(LocalPlanner):
         level, text, values = super().health()
         if self._policy.misfit and level == DiagnosticStatus.OK:
             level, text = DiagnosticStatus.WARN, self._policy.misfit
-        return Health(level, text, {**values, 'model': self._policy.model.label})
+        return Health(level, text, {**values, **self._policy.model.identity})
 
 
 def make_node(**options: Any) -> PpoPlanner:
