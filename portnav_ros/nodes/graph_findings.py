@@ -168,7 +168,8 @@ def _node(graph: Graph, node: str) -> Iterator[Finding]:
 
 
 def _model(status: Status) -> str:
-    return f', model {status.values["model"]}' if 'model' in status.values else ''
+    values = status.values
+    return f', model {values["model"]} {values.get("model_sha256", "")[:12]}' if 'model' in values else ''
 
 
 def _advice(message: str) -> str:

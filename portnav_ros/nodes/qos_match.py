@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-TYPE = 'TYPE'
+TYPE, RELIABILITY, DURABILITY = 'TYPE', 'RELIABILITY', 'DURABILITY'
+VALUES = {
+    RELIABILITY: ('reliable', 'best_effort'),
+    DURABILITY: ('transient_local', 'volatile'),
+}  # strong, weak
 
 
 class End(NamedTuple):
@@ -43,26 +47,31 @@ def mismatches(topic: str, ends: Ends) -> Iterator[Mismatch]:
 
     Args:
         topic: relative name, for the mend.
-        ends: of the topic.
+        ends: of the topic. A node may listen twice, of which one must match.
     """
     for publisher in ends.publishers:
-        for subscriber in ends.subscribers:
-            if publisher.type != subscriber.type:
-                yield _mismatch(publisher, subscriber, TYPE, f'publish {subscriber.type}')
-            elif subscriber.reliable and not publisher.reliable:
-                yield _mismatch(publisher, subscriber, 'RELIABILITY', _mend(topic, 'reliability', 'reliable'))
-            elif subscriber.latched and not publisher.latched:
-                offer = _mend(topic, 'durability', 'transient_local')
-                yield _mismatch(publisher, subscriber, 'DURABILITY', offer)
+        found = [(subscriber, _policy(publisher, subscriber)) for subscriber in ends.subscribers]
+        hearing = {subscriber.node for subscriber, policy in found if not policy}
+        for subscriber, policy in found:
+            if policy and subscriber.node not in hearing:
+                mend = _mend(topic, policy, subscriber)
+                yield Mismatch(publisher.node, subscriber.node, policy, mend)
 
 
-def _mismatch(publisher: End, subscriber: End, policy: str, mend: str) -> Mismatch:
-    return Mismatch(publisher.node, subscriber.node, policy, mend)
+def _policy(publisher: End, subscriber: End) -> str:
+    """What does not match, empty where all does."""
+    if publisher.type != subscriber.type:
+        return TYPE
+    if subscriber.reliable and not publisher.reliable:
+        return RELIABILITY
+    return DURABILITY if subscriber.latched and not publisher.latched else ''
 
 
-def _mend(topic: str, policy: str, offer: str) -> str:
-    weak = 'best_effort' if policy == 'reliability' else 'volatile'
+def _mend(topic: str, policy: str, subscriber: End) -> str:
+    if policy == TYPE:
+        return f'publish {subscriber.type}'
+    strong, weak = VALUES[policy]
     return (
-        f'let the publisher offer {offer}, or the subscription ask for {weak}: '
-        f'-p qos_overrides./{topic}.subscription.{policy}:={weak}'
+        f'let the publisher offer {strong}, or the subscription ask for {weak}: '
+        f'-p qos_overrides./{topic}.subscription.{policy.lower()}:={weak}'
     )

@@ -196,6 +196,13 @@ def test_a_qos_that_does_not_match_is_named_once_with_both_ends():
     assert '-p qos_overrides./scan.subscription.reliability:=best_effort' in finding.mend
 
 
+def test_a_node_that_listens_twice_hears_by_either():
+    publishers = (end('emergency_stop', 'switch'),)
+    both = tuple(end('emergency_stop', 'safety_monitor', latched=latched) for latched in (True, False))
+    assert not wrong(joined(well(), 'emergency_stop', publishers, both))
+    assert only(joined(well(), 'emergency_stop', publishers, both[:1])).check == 'emergency_stop'
+
+
 def test_a_publisher_that_offers_less_than_the_table_asks_is_named_without_a_listener():
     finding = only(joined(well(), 'map', (end('map', 'map_server', latched=False),), ()))
     assert finding.found == 'the stack does not hear map_server: incompatible QoS (DURABILITY)'
