@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from portnav_ros.evaluation.parts import declare_parts, open_part
 from portnav_ros.evaluation.provenance import machine, provenance
 from portnav_ros.evaluation.summary import write_json
 
@@ -21,24 +21,18 @@ PARTS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the parts; the options behind a part are its own."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = 'parts:\n' + '\n'.join(f'  {name:8} {about}' for name, about in PARTS.items())
-    parser.add_argument('part', choices=PARTS, metavar='|'.join(PARTS), help='what to measure')
-    parser.add_argument('options', nargs=argparse.REMAINDER, help='--json FILE, and those of the part')
+    """Declare the parts; each has ``--json FILE``, too."""
+    declare_parts(parser, PARTS, 'what to measure')
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure, print and, if asked to, write JSON.
 
-    A part is a module ``benchmark_PART`` beside this one, with ``add_arguments(parser)`` and
-    ``run(arguments) -> dict``; it is imported only when it is asked for.
+    A part has ``add_arguments(parser)`` and ``run(arguments) -> dict``.
     """
     name: str = arguments.part
-    module = importlib.import_module(f'portnav_ros.evaluation.benchmark_{name}')
-    parser = argparse.ArgumentParser(prog=f'portnav benchmark {name}', description=PARTS[name])
+    module, parser = open_part('benchmark', name, PARTS[name])
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the figures')
-    module.add_arguments(parser)
     options = parser.parse_args(arguments.options)
     figures: dict[str, Any] = module.run(options)
     described = {**provenance(), **machine()}

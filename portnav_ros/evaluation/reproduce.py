@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import importlib
+
+from portnav_ros.evaluation.parts import declare_parts, open_part
 
 PARTS = {
     'figure': 'learning curves of MuZero and PPO, with the DWA as a line',
@@ -14,21 +15,11 @@ PARTS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the parts; the options behind a part are its own."""
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = 'parts:\n' + '\n'.join(f'  {name:9} {about}' for name, about in PARTS.items())
-    parser.add_argument('part', choices=PARTS, metavar='|'.join(PARTS), help='what to make')
-    parser.add_argument('options', nargs=argparse.REMAINDER, help='those of the part; see PART --help')
+    """Declare the parts."""
+    declare_parts(parser, PARTS, 'what to make')
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Make a part.
-
-    A part is a module ``reproduce_PART`` beside this one, with ``add_arguments(parser)`` and
-    ``run(arguments) -> int``; it is imported only when it is asked for.
-    """
-    name: str = arguments.part
-    module = importlib.import_module(f'portnav_ros.evaluation.reproduce_{name}')
-    parser = argparse.ArgumentParser(prog=f'portnav reproduce {name}', description=PARTS[name])
-    module.add_arguments(parser)
+    """Make a part, which has ``add_arguments(parser)`` and ``run(arguments) -> int``."""
+    module, parser = open_part('reproduce', arguments.part, PARTS[arguments.part])
     return int(module.run(parser.parse_args(arguments.options)))
