@@ -25,7 +25,16 @@ from portnav_ros.training.scenarios import TESTBEDS
 
 ALGORITHMS = {'muzero': 'muzero.train', 'ppo': 'baselines.ppo'}
 PRESETS = {'muzero': 'best', 'ppo': 'ppo'}  # where neither --preset nor --config is given
-FIXED = ('algorithm', 'preset', 'config', 'difficulty', 'testbed', 'seed', 'set')  # by a run's own files
+FIXED = (
+    'algorithm',
+    'preset',
+    'config',
+    'difficulty',
+    'testbed',
+    'seed',
+    'set',
+    'start_from',
+)  # by a run's own files
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     worlds = parser.add_mutually_exclusive_group()
     worlds.add_argument('--difficulty', metavar='NAME', help='random ports; name or file (default: paper)')
     worlds.add_argument('--testbed', choices=TESTBEDS, help='small worlds instead, learned in minutes')
+    parser.add_argument('--from', dest='start_from', type=Path, metavar='FILE', help='begin with this model')
     parser.add_argument('--set', action='append', metavar='KEY=VALUE', help='such as search.simulations=8')
     parser.add_argument('--steps', type=int, metavar='N', help='environment steps in all')
     parser.add_argument('--seed', type=int, metavar='S', help='of everything random (default: 0)')
@@ -64,6 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
         params = override(params, {'schedule': {'steps': arguments.steps}}, '--steps')
         if not arguments.resume:
             params = dataclasses.replace(params, schedule=params.schedule.with_curves())
+    if arguments.start_from is not None:
+        params = override(params, {'start_from': str(arguments.start_from.resolve())}, '--from')
     for item in arguments.set or ():
         params = override(params, assignment(item), f'--set {item}')
     job = Job(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
@@ -134,6 +135,17 @@ class Learner:
         """The weights as numpy arrays, for inference and for a model file."""
         state = self.network.state_dict()
         return {name: tensor.detach().float().cpu().numpy().copy() for name, tensor in state.items()}
+
+    def load_arrays(self, arrays: Mapping[str, Array32]) -> None:
+        """Begin with the weights of a model, as `arrays` gives them.
+
+        Raises:
+            ValueError: they are not those of such networks.
+        """
+        try:
+            self.network.load_state_dict({name: torch.from_numpy(array) for name, array in arrays.items()})
+        except RuntimeError as error:
+            raise ValueError('the weights are those of other networks') from error
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, optimiser and count of updates, for a checkpoint."""

@@ -8,6 +8,7 @@ not depend on which of them is quicker, and a checkpoint between two iterations 
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
@@ -28,6 +29,7 @@ from portnav_ros.task.mirror import mirror_of
 from portnav_ros.training.running_means import RunningMeans
 from portnav_ros.training.scenarios import ScenarioParams, training_source
 from portnav_ros.training.schedule import ScheduleParams
+from portnav_ros.types import Array32
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Params:
 
     mirror: whether half of every sample is seen with port and starboard exchanged.
     validate_prior: whether a validation also sails with the policy network alone, which the search has to
-    beat.
+    beat. start_from: a model whose weights the run begins with; at random by default.
     """
 
     task: TaskParams = field(default_factory=TaskParams)
@@ -51,6 +53,7 @@ class Params:
     teaching: TeachingParams = field(default_factory=TeachingParams)
     mirror: bool = False
     validate_prior: bool = True
+    start_from: str = ''
 
     @property
     def discount(self) -> float:
@@ -89,6 +92,15 @@ class Loop:
         """Environment steps so far: seconds sailed, over all environments."""
         return self.replay.written * self.replay.batch * self.params.task.actions.hold
 
+    def start_from(self, arrays: Mapping[str, Array32]) -> None:
+        """Begin with the weights of a model.
+
+        Raises:
+            ValueError: they are those of other networks.
+        """
+        self.learner.load_arrays(arrays)
+        self.model = self.export()
+
     def export(self) -> NumpyModel:
         """The networks as they stand, for self-play."""
         speeds = len(self.params.task.actions.speed_mps)
@@ -112,7 +124,7 @@ class Loop:
     def learn(self) -> None:
         """Take the updates that are due, no more and no fewer than the replay's rate allows."""
         start = time.perf_counter()
-        worth = self.steps >= self.params.teaching.worth_after
+        worth = self.steps >= self.params.teaching.worth_after * self.params.schedule.steps
         for left in range(self.updates_due(), 0, -1):
             sample = self.draw()
             if left == 1:

@@ -6,15 +6,17 @@ import dataclasses
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from portnav_ros.muzero import ModelError
 from portnav_ros.muzero.checkpoint import Checkpoints, refusing
 from portnav_ros.muzero.inference import NumpyModel
 from portnav_ros.muzero.learner import limit_threads
 from portnav_ros.muzero.loop import Loop, Params
-from portnav_ros.muzero.model_file import Card, save_model
+from portnav_ros.muzero.model_file import Card, load_model, save_model
 from portnav_ros.muzero.search import Search
 from portnav_ros.training.interrupt import Interrupt
 from portnav_ros.training.job import Job
@@ -59,6 +61,7 @@ class Run:
         self.loop = Loop(params, job.seed, job.device)
         self.checkpoints = Checkpoints(RunDirectory(job.out).checkpoint)
         self.best = {'success': -1.0, 'reward': 0.0}
+        self.origin = self._start()
         if job.resume:
             self._restore()
         scenarios = validation_scenarios(params.scenarios)
@@ -150,6 +153,7 @@ class Run:
                 'steps': self.loop.steps,
                 'seed': job.seed,
                 'scenarios': dataclasses.asdict(params.scenarios),
+                **self.origin,
                 'autopilot': dataclasses.asdict(self.example.autopilot),
             },
             evaluation={'split': 'validation', **validation},
@@ -166,6 +170,21 @@ class Run:
         """Close files and progress bar."""
         self.progress.close()
         self.files.close()
+
+    def _start(self) -> dict[str, Any]:
+        """Begin with the weights of another model where the parameters name one; tells of it for the card."""
+        path = Path(self.params.start_from)
+        if not self.params.start_from:
+            return {}
+        model = load_model(path)
+        theirs, ours = model.card.task, self.params.task
+        if (theirs.observation, theirs.actions) != (ours.observation, ours.actions):
+            raise ModelError(f'{path}: was trained for other observations or actions than task.* asks for')
+        try:
+            self.loop.start_from(model.tensors)
+        except ValueError as error:
+            raise ModelError(f'{path}: {error}; it has network: {dict(model.card.network)}') from error
+        return {'start_from': {'sha256': model.sha256, **model.card.training}}
 
     def _restore(self) -> None:
         saved = self.checkpoints.load(self.loop.replay, self.loop.learner.device)

@@ -30,8 +30,8 @@ class TeachingParams:
     steps: environment steps at the start of a run that are taught; none by default. share: of the
     decisions that get a lesson. actions: K, valued in each. follow: share of the environments that do
     what the teacher says. random: share of the decisions of all others that are made at random.
-    temperature: of their policy. worth_after: environment steps from which on the dynamics too is taught
-    what the actions of a lesson are worth; the policy comes first.
+    temperature: of their policy. worth_after: share of the run from which on the dynamics too is
+    taught what the actions of a lesson are worth; the policy comes first.
     """
 
     steps: int = 0
@@ -40,11 +40,11 @@ class TeachingParams:
     follow: float = 0.125
     random: float = 0.04
     temperature: float = 0.5
-    worth_after: int = 0
+    worth_after: float = 0.0
     foresight: ForesightParams = field(default_factory=ForesightParams)
     ranges: ClassVar[Ranges] = {
         'steps': (0, 1e12),
-        'worth_after': (0, 1e12),
+        'worth_after': (0.0, 1.0),
         'share': (0.0, 1.0),
         'actions': (2, 1000),
         'follow': (0.0, 1.0),

@@ -15,6 +15,7 @@ import pytest
 torch = pytest.importorskip('torch')
 
 from portnav_ros.control.autopilot import AutopilotParams  # noqa: E402
+from portnav_ros.muzero import ModelError  # noqa: E402
 from portnav_ros.muzero.atoms import AtomParams  # noqa: E402
 from portnav_ros.muzero.checkpoint import STATE, read_arrays, write_arrays  # noqa: E402
 from portnav_ros.muzero.learner import LearnerParams  # noqa: E402
@@ -24,7 +25,7 @@ from portnav_ros.muzero.networks import NetworkParams  # noqa: E402
 from portnav_ros.muzero.replay import ReplayParams  # noqa: E402
 from portnav_ros.muzero.search import SearchParams  # noqa: E402
 from portnav_ros.muzero.selfplay import SelfPlayParams  # noqa: E402
-from portnav_ros.muzero.train import train  # noqa: E402
+from portnav_ros.muzero.train import Run, train  # noqa: E402
 from portnav_ros.task.actions import ActionParams  # noqa: E402
 from portnav_ros.task.env import TaskParams  # noqa: E402
 from portnav_ros.training.job import Job  # noqa: E402
@@ -214,3 +215,29 @@ def test_other_rules_train_too_and_speed_of_threads_does_not_matter(rule):
         loops[1].model = loops[1].export()
     assert_same(loops[0].learner.state_dict(), loops[1].learner.state_dict())
     assert loops[0].learner.updates > 0
+
+
+def test_a_run_begins_with_the_weights_of_a_model(whole, tmp_path):
+    model = whole / 'best.safetensors'
+    run = Run(dataclasses.replace(params(), start_from=str(model)), Job(tmp_path / 'run', seed=6))
+    run.close()
+    given = load_model(model)
+    for name, tensor in run.loop.learner.arrays().items():
+        np.testing.assert_array_equal(tensor, given.tensors[name])
+    origin = run.card({}).training['start_from']
+    assert origin['sha256'] == given.sha256
+    assert origin['steps'] == given.card.training['steps']
+
+
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        ({'network': NetworkParams(8, (32,), (16,), (16,), ATOMS, ATOMS, alive=True)}, 'other networks'),
+        ({'task': TaskParams(actions=ActionParams(hold=4))}, 'other observations or actions'),
+        ({'start_from': 'nothing.safetensors'}, 'no such model'),
+    ],
+)
+def test_a_model_that_does_not_fit_the_run_is_refused(whole, tmp_path, change, message):
+    fitting = dataclasses.replace(params(), start_from=str(whole / 'best.safetensors'))
+    with pytest.raises(ModelError, match=message):
+        Run(dataclasses.replace(fitting, **change), Job(tmp_path / 'run', seed=6))
