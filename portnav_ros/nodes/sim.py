@@ -21,7 +21,6 @@ from portnav_ros.nodes.runtime import Exit, Health, PortNode, run_node
 from portnav_ros.nodes.sim_topics import TICK_NS, TICKS_PER_SCAN, SimTopics
 from portnav_ros.params import ParamError, Ranges, check_ranges
 from portnav_ros.sim.generator import find_scenario
-from portnav_ros.sim.scenario import Scenario
 from portnav_ros.sim.world import TICK_S, World
 from portnav_ros.types import Actuation, Outcome
 
@@ -38,15 +37,15 @@ MAX_CATCH_UP_TICKS = 10  # in one go; what is beyond is lost and lowers the achi
 class SimParams(NodeParams):
     """Parameters of the node.
 
-    difficulty: what a random port is drawn from, a name or a YAML file. scenario: a named scenario in its
-    place. chart: a chart in its place. seed: of the random port. lock_step: time waits for the command
-    stamped with the present tick. rate: else, simulated seconds per second. hold_until_plan: the world
-    stands at t = 0 until there is a plan. publish_goal: send the scenario's goal to the global planner.
-    publish_targets: tell where the other vessels are. exit_on_end: end the process with the episode.
-    neutral_s: age of the command past which the actuators go neutral. wait_for_recorder: in lock-step, sail
-    no further than 20 s ahead of what the recorder has, so that its queues cannot overflow.
-    answer_timeout_s: patience with the stack in lock-step, by the wall clock; 0 is without end.
-    plan_timeout_s: patience with the global planner, by the wall clock; 0 is without end.
+    difficulty: what a random port is drawn from, a name or a YAML file. scenario: a named scenario in place
+    of the random port. chart: a chart file in place of the random port. seed: of what is drawn. lock_step:
+    time waits for the command stamped with the present tick. rate: simulated seconds per second, where time
+    does not wait. hold_until_plan: the world stands at t = 0 until there is a plan. publish_goal: send the
+    scenario's goal to the global planner. publish_targets: tell where the other vessels are. exit_on_end:
+    end the process with the episode. neutral_s: age of the command past which the actuators go neutral.
+    wait_for_recorder: in lock-step, sail no further than 20 s ahead of what the recorder has, so that its
+    queues cannot overflow. answer_timeout_s: patience with the stack in lock-step, by the wall clock; 0 is
+    without end. plan_timeout_s: patience with the global planner, by the wall clock; 0 is without end.
     """
 
     difficulty: str = 'harbour'
@@ -81,16 +80,6 @@ class SimParams(NodeParams):
 DEFAULTS = SimParams()
 
 
-def load(params: SimParams) -> Scenario:
-    """Make the scenario that the parameters name.
-
-    Raises:
-        ScenarioError, ChartError, ParamError: it cannot be made.
-    """
-    chart = FilePath(params.chart) if params.chart else None
-    return find_scenario(params.difficulty, params.seed, params.scenario or None, chart)
-
-
 class Sim(PortNode[SimParams]):
     """Advances a World of one vessel: by the clock, or in lock-step by the commands it gets.
 
@@ -103,7 +92,9 @@ class Sim(PortNode[SimParams]):
     def configure(self) -> None:
         """Make the port and its world, and speak and listen."""
         self.get_logger().info('preparing the port; the first start compiles kernels, up to 30 s')
-        self.scenario = load(self.params)
+        params = self.params
+        chart = FilePath(params.chart) if params.chart else None
+        self.scenario = find_scenario(params.difficulty, params.seed, params.scenario or None, chart)
         self.world = World([self.scenario])
         self.world.tick(np.zeros(1), np.zeros(1))
         self._topics = SimTopics(self, self.scenario, self.world, self.params.publish_targets)
