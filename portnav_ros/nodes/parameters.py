@@ -87,9 +87,10 @@ def with_preset(defaults: P, given: Mapping[str, Any]) -> P:
     Raises:
         ParamError: no such preset.
     """
-    if 'preset' not in given or not hasattr(defaults, 'preset'):
+    preset = given.get('preset')
+    if not isinstance(preset, str) or not hasattr(defaults, 'preset'):
         return defaults
-    return dataclasses.replace(defaults, vessel=load_vessel(str(given['preset'])))  # type: ignore[call-arg]
+    return dataclasses.replace(defaults, vessel=load_vessel(preset))  # type: ignore[call-arg]
 
 
 def descriptor(declaration: Declaration) -> ParameterDescriptor:

@@ -45,6 +45,13 @@ def complaints(tmp_path: Path, text: str) -> list[str]:
         ('dwa_planner: {vessel: 1, vessel.turn_gain: 1}', ['dwa_planner: vessel.turn_gain: vessel has']),
         ('dwa_planner: {observation: {layout: maze}}', ["dwa_planner: observation: layout: 'maze' is not"]),
         ('dwa_planner: {preset: raft, age_s: 0}', ['dwa_planner: preset: ', 'dwa_planner: age_s = 0.0 is']),
+        ('dwa_planner: {preset: [1]}', ['dwa_planner: preset: expected str']),
+        ('sim: {preset: shuttle}', ["sim: unknown key 'preset'"]),
+        ('1: {}', ['unknown key 1; known keys: ']),
+        (
+            'sim: {1: 2, seed: 1e3, rate: .nan}',
+            ["sim: unknown key '1'", 'sim: seed: expected int', 'sim: rate = nan is'],
+        ),
         ('sim: {use_sim_time: true, qos_overrides./odom.publisher.depth: 5}', []),
     ],
 )
