@@ -168,12 +168,15 @@ def _expected(difficulty: str | None) -> Expected:
 
 
 def _discover(probe: DriverProbe, spin_once: SpinOnce) -> None:
-    end_s = time.monotonic() + DISCOVERY_S
-    while not probe.record.odometry and time.monotonic() < end_s:
-        spin_once(SPIN_S)
-    end_s = min(end_s, time.monotonic() + SETTLE_S)
-    while time.monotonic() < end_s:
-        spin_once(SPIN_S)
+    """Wait for the odometry, for the other topics to be found, and for the clock if there is one."""
+    for seconds, found in (
+        (DISCOVERY_S, lambda: probe.record.odometry),
+        (SETTLE_S, lambda: False),
+        (DISCOVERY_S, lambda: probe.record.simulated or not probe.count_publishers('clock')),
+    ):
+        end_s = time.monotonic() + seconds
+        while not found() and time.monotonic() < end_s:
+            spin_once(SPIN_S)
 
 
 def _listen(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -85,13 +85,15 @@ class Difficulty:
 
 
 def load_difficulty(name_or_path: str | Path) -> Difficulty:
-    """Read a difficulty: a name in config/difficulties, or a YAML file.
+    """Read a difficulty: a name in config/difficulties, or a YAML file; its vessel's file may lie beside it.
 
     Raises:
         ParamError: no such difficulty, an unknown key or a wrong type; names the file and the key.
     """
     path = preset_path('difficulties', name_or_path)
-    return override(Difficulty(name=path.stem), read_yaml(path), str(path))
+    difficulty = override(Difficulty(name=path.stem), read_yaml(path), str(path))
+    beside = path.parent / difficulty.vessel
+    return replace(difficulty, vessel=str(beside.resolve())) if beside.is_file() else difficulty
 
 
 def load_vessel(name_or_path: str | Path) -> VesselParams:

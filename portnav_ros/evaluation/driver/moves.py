@@ -17,8 +17,8 @@ from portnav_ros.evaluation.driver.record import (
     Move,
     motion,
 )
-from portnav_ros.types import Actuation, Array
-from portnav_ros.vessel import VesselParams
+from portnav_ros.types import STATE_SIZE, SURGE, Actuation, Array
+from portnav_ros.vessel import VesselParams, move_actuators, move_hull
 
 NEUTRAL_S = 1.0  # age of the last command past which a driver goes neutral
 DISABLED_S = 0.5
@@ -26,6 +26,9 @@ MARGIN_S = 0.5  # for a period of feedback, and for actuators to be seen moving
 RELEASED = 0.05  # share of the deflection by which they are seen moving
 DEVIATIONS = 3.0  # between chance and effect
 CORRELATED = 10  # successive samples of a hull, which count as one
+LEAST_SHARE = 0.3  # of the speed that the preset foresees to gain
+LAST_QUARTER, LAST_QUARTER_MIDDLE = 0.75, 0.875
+STEP_S = 0.05
 NAMES = ('thrust', 'rudder', 'neutral', 'disabled')
 
 
@@ -77,21 +80,37 @@ def moves_left_out(reason: str) -> list[Finding]:
 
 
 def _check_thrust(made: dict[str, Move], track: Motion, expected: Expected) -> Finding:
-    """Positive effort drives ahead."""
+    """Positive effort drives ahead: the speed made is nearer to the preset with that thrust than without."""
     if 'ahead' not in made:
         return Finding('thrust', 'left out', 'the move was not made')
-    ahead, coast = made['ahead'], made['coast']
-    driven, resting = _slope(track, ahead), _slope(track, coast)
-    gain, noise = driven[0] - resting[0], DEVIATIONS * math.hypot(driven[1], resting[1])
-    assert ahead.command is not None
-    foreseen = ahead.command.thrust_n / expected.vessel.mass_kg
-    found = f'{ahead.command.thrust_n:.0f} N give {gain:+.4f} m/s^2; the preset foresees {foreseen:.4f}'
-    if gain < -noise:
+    move = made['ahead']
+    begin_mps, _ = _mean(track, move._replace(end_s=move.begin_s + 0.5), 0.0, track.velocity[:, 0])
+    speed_mps, noise_mps = _mean(track, move, LAST_QUARTER, track.velocity[:, 0])
+    driven_mps, idle_mps = (
+        _foreseen_mps(expected.vessel, begin_mps, command, LAST_QUARTER_MIDDLE * (move.end_s - move.begin_s))
+        for command in (move.command, None)
+    )
+    share = (speed_mps - idle_mps) / max(driven_mps - idle_mps, 1e-9)
+    found = f'{speed_mps:.2f} m/s; the preset foresees {driven_mps:.2f}, and {idle_mps:.2f} without thrust'
+    clear = abs(speed_mps - idle_mps) > DEVIATIONS * noise_mps
+    if clear and share < -LEAST_SHARE:
         return Finding('thrust', 'fail', f'astern: {found}', 'change the sign: effort above 0 drives ahead')
-    if not gain > noise:
-        mend = 'obey effort[propulsion] in N; is the vessel enabled, moored, or its preset too weak?'
+    if not (clear and share > LEAST_SHARE):
+        mend = 'obey effort[propulsion] in N; is the vessel enabled, moored, or its preset too strong?'
         return Finding('thrust', 'fail', f'no effect seen: {found}', mend)
     return Finding('thrust', 'ok', found)
+
+
+def _foreseen_mps(
+    vessel: VesselParams, surge_mps: float, command: Actuation | None, duration_s: float
+) -> float:
+    """Speed of the preset's hull after so long under a command, or none."""
+    own, model = np.zeros(STATE_SIZE), vessel.model()
+    own[SURGE] = surge_mps
+    for _ in range(round(duration_s / STEP_S)):
+        move_actuators(model, own, 0.0, command.thrust_n if command else 0.0, STEP_S)
+        move_hull(model, own, STEP_S)
+    return float(own[SURGE])
 
 
 def _check_rudder(made: dict[str, Move], track: Motion) -> Finding:
@@ -99,7 +118,8 @@ def _check_rudder(made: dict[str, Move], track: Motion) -> Finding:
     if 'bow to starboard' not in made:
         return Finding('rudder', 'left out', 'the move was not made')
     straight, port, starboard = (
-        _rate_at_end(track, made[name]) for name in ('ahead', 'bow to port', 'bow to starboard')
+        _mean(track, made[name], LAST_QUARTER, track.yaw_rate_radps)
+        for name in ('ahead', 'bow to port', 'bow to starboard')
     )
     to_port, to_starboard = port[0] - straight[0], starboard[0] - port[0]
     noise_port = DEVIATIONS * math.hypot(port[1], straight[1])
@@ -186,12 +206,12 @@ def _slope(track: Motion, move: Move, settled: float = 0.5) -> tuple[float, floa
     return float(line[0]), float(np.sqrt(np.sum(rest**2) / (len(rest) - 2) / spread * CORRELATED))
 
 
-def _rate_at_end(track: Motion, move: Move) -> tuple[float, float]:
-    """Mean yaw rate over the last quarter of a move, and its standard error, in rad/s."""
-    _, rates = _during(track, move, 0.75, track.yaw_rate_radps)
-    if len(rates) < 3:
+def _mean(track: Motion, move: Move, settled: float, values: Array) -> tuple[float, float]:
+    """Mean over the settled part of a move, and its standard error."""
+    _, chosen = _during(track, move, settled, values)
+    if len(chosen) < 3:
         return 0.0, math.inf
-    return float(rates.mean()), float(rates.std() / math.sqrt(max(len(rates) / CORRELATED, 1.0)))
+    return float(chosen.mean()), float(chosen.std() / math.sqrt(max(len(chosen) / CORRELATED, 1.0)))
 
 
 def _during(track: Motion, move: Move, settled: float, values: Array) -> tuple[Array, Array]:
