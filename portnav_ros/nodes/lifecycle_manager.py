@@ -163,8 +163,10 @@ class LifecycleManager:
                 self._remotes[name].ask(step, now_s)
         if (active := set(states.values()) == {ACTIVE}) != self._active:
             self._tell(active)
-        changed = [name for name in states if states[name] != before[name]]
-        return {name: states[name] == ACTIVE for name in changed if states[name] != UNCONFIGURED}
+        reached = [
+            name for name in states if states[name] in (INACTIVE, ACTIVE) and states[name] != before[name]
+        ]
+        return {name: states[name] == ACTIVE for name in reached}
 
     def begin_rest(self) -> None:
         """From now on deactivate."""

@@ -1,6 +1,7 @@
 import itertools
 import time
 from collections import defaultdict
+from pathlib import Path
 
 import pytest
 import rclpy
@@ -13,6 +14,22 @@ from portnav_ros.nodes.topics import TOPICS, offered_qos
 
 DOMAINS = itertools.cycle(range(30, 50))
 WAIT_S = 30.0
+MARK = 'PORTNAV_TEST_MARK'
+
+
+class Clock:
+    """A steady clock that stands still until it is told."""
+
+    def __init__(self):
+        self.now_s = 100.0
+
+    def __call__(self):
+        return self.now_s
+
+
+@pytest.fixture
+def clock():
+    return Clock()
 
 
 class Graph:
@@ -97,6 +114,24 @@ class Graph:
         self.nodes.append(node)
         self.executor.add_node(node)
         return node
+
+
+@pytest.fixture
+def marked():
+    """Find the processes whose environment carries a mark, zombies not counted."""
+
+    def find(mark):
+        found = []
+        for path in Path('/proc').glob('[0-9]*'):
+            try:
+                alive = path.joinpath('stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z'
+                if alive and f'{MARK}={mark}'.encode() in path.joinpath('environ').read_bytes().split(b'\0'):
+                    found.append(path.name)
+            except OSError:
+                continue
+        return found
+
+    return find
 
 
 @pytest.fixture

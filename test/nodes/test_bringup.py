@@ -4,6 +4,7 @@ import argparse
 import os
 import signal
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -25,6 +26,35 @@ report_ready()
 WAIT = READY + 'signal.pause()'
 SAIL = READY + 'report(time_s=1.0, distance_m=9.0)\nreport(time_s=2.0, outcome={!r})\nsignal.pause()'
 OPTIONS = GraphOptions(mode='lock_step')
+NODE = """
+import os, signal, time
+from dataclasses import dataclass
+from pathlib import Path
+from portnav_ros.nodes.parameters import NodeParams
+from portnav_ros.nodes.runtime import PortNode, run_node
+from portnav_ros.nodes.status_pipe import report
+from portnav_ros.params import ParamError
+
+@dataclass(frozen=True)
+class Params(NodeParams):
+    pass
+
+class Stand(PortNode):
+    def interrupt(self):
+        os.kill(os.getppid(), signal.SIGINT)
+
+    def configure(self):
+        {configure}
+
+    def activate(self):
+        {activate}
+
+    def deactivate(self):
+        print('the end is near', flush=True)
+        {deactivate}
+
+raise SystemExit(run_node(lambda: Stand({name!r}, Params())))
+"""
 
 
 @pytest.fixture
@@ -32,6 +62,8 @@ def start(monkeypatch, tmp_path):
     """Sail with scripts in the place of nodes."""
     monkeypatch.setenv('XDG_RUNTIME_DIR', str(tmp_path))
     monkeypatch.setenv('ROS_DOMAIN_ID', '60')
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    monkeypatch.setenv('PORTNAV_TEST_MARK', str(tmp_path))
     monkeypatch.setattr(bringup, 'load', lambda options: None)
 
     def sail_scripts(said=None, **scripts: str):
@@ -114,6 +146,79 @@ def test_a_signal_ends_every_phase(start, number, phase):
     result = start(sim=f'{begin}os.kill(os.getppid(), {int(number)})\nsignal.pause()')
     assert result.code == 128 + number
     assert number.name in result.message
+
+
+@pytest.fixture
+def lead(monkeypatch, start, tmp_path):
+    """Sail with nodes whose transitions do what a line of Python each says."""
+
+    def sail_nodes(said=None, ready_s=60.0, on_death=OnDeath.END, **nodes: dict[str, str]):
+        commands = tuple(
+            Command(
+                name,
+                (sys.executable, '-c', node(name, **lines), '--ros-args', '-p', 'autostart:=false'),
+                tmp_path / 'log' / f'{name}.log',
+                on_death=on_death,
+                managed=True,
+            )
+            for name, lines in nodes.items()
+        )
+        monkeypatch.setattr(bringup, 'prepare', lambda *_: commands)
+        options, said = replace(OPTIONS, ready_s=ready_s), [] if said is None else said
+        return sail(options, {}, tmp_path, said.append, said.append)
+
+    return sail_nodes
+
+
+def node(name: str, configure='pass', activate='pass', deactivate='pass', process='') -> str:
+    return process or NODE.format(name=name, configure=configure, activate=activate, deactivate=deactivate)
+
+
+@pytest.mark.parametrize(
+    ('lines', 'code', 'active'),
+    [
+        ({'process': 'import os, signal\nos.kill(os.getppid(), 2)\nsignal.pause()'}, 130, False),
+        ({'configure': 'self.interrupt(); time.sleep(60)'}, 130, False),
+        ({'activate': 'self.interrupt()'}, 130, True),
+        ({'configure': 'self.timer(0.1, self.interrupt)'}, 130, True),
+        ({'activate': 'report(outcome="SUCCESS")', 'deactivate': 'self.interrupt()'}, 0, True),
+    ],
+    ids=['starting', 'configuring', 'activating', 'sailing', 'deactivating'],
+)
+def test_ctrl_c_in_any_state_ends_the_nodes_in_good_order(lead, marked, tmp_path, lines, code, active):
+    result = lead(pid_controller={}, sim=lines)
+    assert result.code == code
+    assert not marked(str(tmp_path))
+    logs = {name: (tmp_path / 'log' / f'{name}.log').read_text() for name in ('pid_controller', 'sim')}
+    broken = [log for log in logs.values() if 'Traceback' in log]
+    assert all(log.endswith('KeyboardInterrupt\n') for log in broken), 'while Python itself starts'
+    assert not (active and broken)
+    assert ('the end is near' in logs['pid_controller']) == active
+
+
+def test_a_node_that_died_is_made_active_again(lead, tmp_path):
+    said: list = []
+    once = f'Path({str(tmp_path / "once")!r})'
+    end = f'report(outcome="SUCCESS") if {once}.exists() else ({once}.touch(), os._exit(7))'
+    when = f'self.subscribe("managed_nodes_activated", lambda told: told.data and ({end}), always=True)'
+    result = lead(said, on_death=OnDeath.RESTART, pid_controller={}, dwa_planner={'configure': when})
+    assert (result.code, result.outcome) == (Exit.SUCCESS, Outcome.SUCCESS)
+    became_active = [report.node for report in said if 'active_after_s' in getattr(report, 'values', {})]
+    assert became_active == ['pid_controller', 'dwa_planner', 'dwa_planner']
+
+
+def test_what_a_node_refuses_while_configuring_makes_it_a_mistake(lead):
+    result = lead(pid_controller={}, sim={'configure': 'raise ParamError("no such port")'})
+    assert result.code == Exit.MISTAKE
+    assert 'sim ended with code 2 while starting' in result.message
+    assert 'no such port' in result.message
+
+
+def test_a_node_that_hangs_is_named(lead, marked, tmp_path):
+    result = lead(ready_s=4.0, sim={'configure': 'time.sleep(60)'})
+    assert result.code == Exit.NOT_READY
+    assert result.message.startswith('sim is not ready after')
+    assert not marked(str(tmp_path))
 
 
 def test_a_second_graph_on_the_domain_is_refused(start, tmp_path):

@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import textwrap
-from pathlib import Path
 
 import pytest
 
@@ -32,19 +31,6 @@ def environment(mark: str) -> dict[str, str]:
     return dict(os.environ) | {MARK: mark}
 
 
-def marked(mark: str) -> list[str]:
-    """Processes that carry the mark and run, zombies not counted."""
-    found = []
-    for path in Path('/proc').glob('[0-9]*'):
-        try:
-            alive = path.joinpath('stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z'
-            if alive and f'{MARK}={mark}'.encode() in path.joinpath('environ').read_bytes().split(b'\0'):
-                found.append(path.name)
-        except OSError:
-            continue
-    return found
-
-
 def follow(supervisor: Supervisor, signal_number: int = 0) -> None:
     supervisor.wait_ready()
     os.kill(os.getpid(), signal_number)
@@ -52,7 +38,7 @@ def follow(supervisor: Supervisor, signal_number: int = 0) -> None:
         supervisor.poll(1.0)
 
 
-def test_processes_get_ready_and_leave_nothing_behind(tmp_path):
+def test_processes_get_ready_and_leave_nothing_behind(tmp_path, marked):
     commands = [command(tmp_path, name, WAIT) for name in ('one', 'two')]
     with Supervisor(commands, environment('calm'), print, LIMITS) as supervisor:
         reports = supervisor.wait_ready()
@@ -70,7 +56,7 @@ def test_reports_arrive_before_a_good_end(tmp_path):
     assert {'outcome': 'SUCCESS'} in [report.values for report in reports]
 
 
-def test_a_death_names_node_code_and_last_words(tmp_path):
+def test_a_death_names_node_code_and_last_words(tmp_path, marked):
     commands = [command(tmp_path, 'pid', CRASH)]
     with (
         pytest.raises(NodeDiedError, match=r'(?s)pid ended with code 7.*pid\.log.*out of luck'),
@@ -100,7 +86,7 @@ def test_restarts_are_bounded(tmp_path):
     assert [line.split('(')[1] for line in said] == ['restart 1 of 2)', 'restart 2 of 2)']
 
 
-def test_the_rest_runs_on_without_a_node_that_may_die(tmp_path):
+def test_the_rest_runs_on_without_a_node_that_may_die(tmp_path, marked):
     said: list[str] = []
     commands = [
         command(tmp_path, 'recorder', CRASH, on_death=OnDeath.GO_ON),
@@ -126,7 +112,7 @@ def test_one_that_is_never_ready_is_named(tmp_path):
     assert 'waiting for slow' in said[0]
 
 
-def test_one_that_will_not_end_is_killed(tmp_path):
+def test_one_that_will_not_end_is_killed(tmp_path, marked):
     said: list[str] = []
     with Supervisor(
         [command(tmp_path, 'deaf', DEAF)], environment('deaf'), said.append, LIMITS
@@ -136,7 +122,7 @@ def test_one_that_will_not_end_is_killed(tmp_path):
     assert not marked('deaf')
 
 
-def test_what_a_process_has_started_ends_with_it(tmp_path):
+def test_what_a_process_has_started_ends_with_it(tmp_path, marked):
     script = READY + 'import subprocess\nsubprocess.Popen(["sleep", "1000"])\nreport_ready()\nos._exit(7)'
     with (
         pytest.raises(NodeDiedError),
@@ -147,7 +133,7 @@ def test_what_a_process_has_started_ends_with_it(tmp_path):
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_wait(tmp_path, number):
+def test_a_signal_ends_the_wait(tmp_path, number, marked):
     before = signal.getsignal(number)
     with (
         pytest.raises(StopRequest, match=number.name),
@@ -177,7 +163,7 @@ def test_the_recorder_is_stopped_after_the_others(tmp_path):
     assert order.read_text() == 'sim recorder '
 
 
-def test_no_orphan_after_the_supervisor_is_killed(tmp_path):
+def test_no_orphan_after_the_supervisor_is_killed(tmp_path, marked):
     script = textwrap.dedent(f"""
         import os, sys
         from pathlib import Path

@@ -17,7 +17,7 @@ from portnav_ros.nodes.preparation import GraphOptions
 from portnav_ros.resources import config_path
 from portnav_ros.types import Outcome
 
-MARK = 'PORTNAV_GRAPH_MARK'
+MARK = 'PORTNAV_TEST_MARK'
 TIME_LIMIT_S = 30.0
 
 
@@ -81,20 +81,7 @@ def start_demo(folder: Path, difficulty: str, mark: str) -> subprocess.Popen:
     return process
 
 
-def marked(mark: str) -> list[Path]:
-    """Processes that carry the mark and run, zombies not counted."""
-    found = []
-    for path in Path('/proc').glob('[0-9]*'):
-        try:
-            alive = path.joinpath('stat').read_text().rsplit(')', 1)[1].split()[0] != 'Z'
-            if alive and f'{MARK}={mark}'.encode() in path.joinpath('environ').read_bytes().split(b'\0'):
-                found.append(path)
-        except OSError:
-            continue
-    return found
-
-
-def test_ctrl_c_leaves_a_readable_bag_and_no_process(short_difficulty, tmp_path):
+def test_ctrl_c_leaves_a_readable_bag_and_no_process(short_difficulty, tmp_path, marked):
     process = start_demo(tmp_path, short_difficulty, 'interrupted')
     process.send_signal(signal.SIGINT)
     said = process.communicate(timeout=60)[1]
@@ -106,7 +93,7 @@ def test_ctrl_c_leaves_a_readable_bag_and_no_process(short_difficulty, tmp_path)
     assert log.time_s[-1] >= 2.0
 
 
-def test_no_process_survives_a_killed_demo(short_difficulty, tmp_path):
+def test_no_process_survives_a_killed_demo(short_difficulty, tmp_path, marked):
     process = start_demo(tmp_path, short_difficulty, 'killed')
     assert len(marked('killed')) >= 6
     process.kill()
