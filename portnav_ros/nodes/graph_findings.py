@@ -28,15 +28,17 @@ AGES_S = {'odom': 0.5, 'scan': 0.5, 'setpoint_raw': 1.5, 'setpoint': 1.5, 'cmd_a
 LEAST_SHARE = 0.5  # of a topic's rate: below it, the contract is broken
 OVERRUNS_SHARE = 0.05
 ACTIVE, RUNNING, WAITING = 'active', 'RUNNING', 'waiting for'
-ADVICE = {
-    'odom': f'see `odom`; it comes from {DRIVER}',
-    'scan': f'see `scan`; it comes from {DRIVER}',
-    'emergency': 'ros2 service call /safety_monitor/emergency_stop std_srvs/srv/SetBool "{data: false}"',
-    'plan': 'send a goal on `goal_pose`, and see global_planner',
-    'setpoint': 'see the local planner and safety_monitor',
-    'cmd_actuators': 'see pid_controller',
+ADVICE = {  # by what a message holds, the first that fits
     'QoS': 'see the topic below',
     'refused': 'see the topic below',
+    'trained for': 'take a model trained for this vessel, or another planner',
+    'emergency': 'ros2 service call /safety_monitor/emergency_stop std_srvs/srv/SetBool "{data: false}"',
+    'room': 'make room by hand; where nothing is near, see the zones in docs/safety.md',
+    'no plan': 'send a goal on `goal_pose`, and see global_planner',
+    'odom': f'see `odom`; it comes from {DRIVER}',
+    'scan': f'see `scan`; it comes from {DRIVER}',
+    'setpoint': 'see the local planner and safety_monitor',
+    'cmd_actuators': 'see pid_controller',
 }
 
 
@@ -126,7 +128,10 @@ def _in_order(graph: Graph) -> list[str]:
 def _doubles(graph: Graph) -> Iterator[Finding]:
     twice = [name for name, count in Counter(graph.nodes).items() if count > 1 and name in NAMES]
     if twice:
-        mend = 'end one of the graphs, or start it with another ROS_DOMAIN_ID or --namespace'
+        mend = (
+            'end one of the graphs, or start it with another ROS_DOMAIN_ID or --namespace; a node that was '
+            'killed a moment ago is still listed for up to 20 s'
+        )
         yield Finding('two graphs', 'fail', f'more than one {", ".join(sorted(twice))}', mend)
     for topic in SINGLE:
         publishers = [end.node for end in graph.ends(topic).publishers]

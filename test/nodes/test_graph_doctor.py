@@ -227,6 +227,8 @@ def test_callbacks_that_take_too_long():
     ('message', 'hint'),
     [
         ('stop: scan too old', 'see `scan`'),
+        ('stop: no room to stop in', 'make room by hand'),
+        ('stop: setpoint_raw asks for 99.0 m/s', 'see the local planner'),
         ('stop: no plan', 'send a goal'),
         ('stop: setpoint too old', 'see the local planner'),
         ('stop: emergency stop', 'SetBool "{data: false}"'),
