@@ -274,6 +274,7 @@ def _command(spec: NodeSpec, options: GraphOptions, out: Path) -> Command:
     arguments += ['-p', 'autostart:=false']  # not in the file, which serves to start a node by hand, too
     if options.namespace:
         arguments += ['-r', f'__ns:=/{options.namespace.strip("/")}']
+    arguments += [part for remap in options.remaps for part in ('-r', remap)]
     return Command(
         name=spec.name,
         argv=(sys.executable, '-m', spec.module, *arguments),

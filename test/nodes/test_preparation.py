@@ -142,6 +142,12 @@ def test_a_namespace_reaches_every_node(tmp_path, scenario):
     assert 'pid_controller' not in [command.name for command in commands]
 
 
+def test_remaps_reach_every_node(tmp_path, scenario):
+    remaps = ('odom:=ship/odometry', 'pid_controller:cmd_actuators:=ship/command')
+    commands = prepare(replace(EASY, remaps=remaps), {}, scenario, tmp_path)
+    assert all(command.argv[-4:] == ('-r', remaps[0], '-r', remaps[1]) for command in commands)
+
+
 def test_nodes_get_one_thread_and_stay_on_this_machine(monkeypatch):
     monkeypatch.delenv('OMP_NUM_THREADS', raising=False)
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
