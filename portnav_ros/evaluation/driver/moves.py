@@ -17,7 +17,7 @@ from portnav_ros.evaluation.driver.record import (
     Move,
     motion,
 )
-from portnav_ros.types import STATE_SIZE, SURGE, Actuation, Array
+from portnav_ros.types import STATE_SIZE, SURGE, THRUST, Actuation, Array
 from portnav_ros.vessel import VesselParams, move_actuators, move_hull
 
 NEUTRAL_S = 1.0  # age of the last command past which a driver goes neutral
@@ -25,9 +25,9 @@ DISABLED_S = 0.5
 MARGIN_S = 0.5  # for a period of feedback, and for actuators to be seen moving
 RELEASED = 0.05  # share of the deflection by which they are seen moving
 DEVIATIONS = 3.0  # between chance and effect
-CORRELATED = 10  # successive samples of a hull, which count as one
+CORRELATED = 10  # samples that count as one
 LEAST_SHARE = 0.3  # of the speed that the preset foresees to gain
-LAST_QUARTER, LAST_QUARTER_MIDDLE = 0.75, 0.875
+END_S, TURN_S = 0.5, 2.0  # at the end of a move, over which speed and yaw rate are taken
 STEP_S = 0.05
 NAMES = ('thrust', 'rudder', 'neutral', 'disabled')
 
@@ -43,15 +43,15 @@ class Step(NamedTuple):
     enable: bool | None = None
 
 
-RUDDER, AHEAD = 0.3, 0.2
+HELM, AHEAD = 0.3, 0.2
 STEPS = (
     Step('coast', 5.0, enable=True),
     Step('ahead', 8.0, 0.0, AHEAD),
-    Step('bow to port', 10.0, RUDDER, AHEAD),
-    Step('bow to starboard', 10.0, -RUDDER, AHEAD),
+    Step('bow to port', 10.0, HELM, AHEAD),
+    Step('bow to starboard', 10.0, -HELM, AHEAD),
     Step('silence', 3.0, silent=True),
-    Step('ahead again', 4.0, RUDDER, AHEAD, enable=True),
-    Step('disabled', 2.0, RUDDER, AHEAD, enable=False),
+    Step('ahead again', 4.0, HELM, AHEAD, enable=True),
+    Step('disabled', 2.0, HELM, AHEAD, enable=False),
     Step('neutral', 2.0, enable=True),
 )
 
@@ -69,8 +69,8 @@ def check_moves(moves: Sequence[Move], record: DriverRecord, expected: Expected)
     return [
         _check_thrust(made, track, expected),
         _check_rudder(made, track),
-        _check_release('neutral', made, ('bow to starboard', 'silence'), NEUTRAL_S, record, track),
-        _check_release('disabled', made, ('ahead again', 'disabled'), DISABLED_S, record, track),
+        _check_release('neutral', made, ('bow to starboard', 'silence'), NEUTRAL_S, record, track, expected),
+        _check_release('disabled', made, ('ahead again', 'disabled'), DISABLED_S, record, track, expected),
     ]
 
 
@@ -83,16 +83,9 @@ def _check_thrust(made: dict[str, Move], track: Motion, expected: Expected) -> F
     """Positive effort drives ahead: the speed made is nearer to the preset with that thrust than without."""
     if 'ahead' not in made:
         return Finding('thrust', 'left out', 'the move was not made')
-    move = made['ahead']
-    begin_mps, _ = _mean(track, move._replace(end_s=move.begin_s + 0.5), 0.0, track.velocity[:, 0])
-    speed_mps, noise_mps = _mean(track, move, LAST_QUARTER, track.velocity[:, 0])
-    driven_mps, idle_mps = (
-        _foreseen_mps(expected.vessel, begin_mps, command, LAST_QUARTER_MIDDLE * (move.end_s - move.begin_s))
-        for command in (move.command, None)
-    )
-    share = (speed_mps - idle_mps) / max(driven_mps - idle_mps, 1e-9)
-    found = f'{speed_mps:.2f} m/s; the preset foresees {driven_mps:.2f}, and {idle_mps:.2f} without thrust'
-    clear = abs(speed_mps - idle_mps) > DEVIATIONS * noise_mps
+    speed, noise, driven, idle = _speeds(track, made['ahead'], expected.vessel, 0.0, made['ahead'].command)
+    share, clear = (speed - idle) / max(driven - idle, 1e-9), abs(speed - idle) > DEVIATIONS * noise
+    found = f'{speed:.2f} m/s; the preset foresees {driven:.2f}, and {idle:.2f} without thrust'
     if clear and share < -LEAST_SHARE:
         return Finding('thrust', 'fail', f'astern: {found}', 'change the sign: effort above 0 drives ahead')
     if not (clear and share > LEAST_SHARE):
@@ -101,14 +94,32 @@ def _check_thrust(made: dict[str, Move], track: Motion, expected: Expected) -> F
     return Finding('thrust', 'ok', found)
 
 
+def _speeds(
+    track: Motion, move: Move, vessel: VesselParams, held_n: float, command: Actuation | None
+) -> tuple[float, float, float, float]:
+    """Speed at the end of a move and its noise, and what the preset foresees with the command and without.
+
+    held_n: thrust when the move begins. Speeds are means over END_S at either end, in m/s.
+    """
+    surge = track.velocity[:, 0]
+    first, first_noise = _mean(track, move._replace(end_s=move.begin_s + END_S), surge)
+    last, last_noise = _mean(track, move._replace(begin_s=move.end_s - END_S), surge)
+    span_s = move.end_s - move.begin_s - END_S
+    driven, idle = (
+        _foreseen_mps(vessel, first, held_n, thrust_n, span_s)
+        for thrust_n in (command.thrust_n if command else 0.0, 0.0)
+    )
+    return last, math.hypot(first_noise, last_noise), driven, idle
+
+
 def _foreseen_mps(
-    vessel: VesselParams, surge_mps: float, command: Actuation | None, duration_s: float
+    vessel: VesselParams, surge_mps: float, held_n: float, thrust_n: float, span_s: float
 ) -> float:
-    """Speed of the preset's hull after so long under a command, or none."""
+    """Speed of the preset's hull after so long, when its thrust goes from what is held to what is ordered."""
     own, model = np.zeros(STATE_SIZE), vessel.model()
-    own[SURGE] = surge_mps
-    for _ in range(round(duration_s / STEP_S)):
-        move_actuators(model, own, 0.0, command.thrust_n if command else 0.0, STEP_S)
+    own[SURGE], own[THRUST] = surge_mps, held_n
+    for _ in range(round(span_s / STEP_S)):
+        move_actuators(model, own, 0.0, thrust_n, STEP_S)
         move_hull(model, own, STEP_S)
     return float(own[SURGE])
 
@@ -118,8 +129,8 @@ def _check_rudder(made: dict[str, Move], track: Motion) -> Finding:
     if 'bow to starboard' not in made:
         return Finding('rudder', 'left out', 'the move was not made')
     straight, port, starboard = (
-        _mean(track, made[name], LAST_QUARTER, track.yaw_rate_radps)
-        for name in ('ahead', 'bow to port', 'bow to starboard')
+        _mean(track, move._replace(begin_s=move.end_s - TURN_S), track.yaw_rate_radps)
+        for move in (made['ahead'], made['bow to port'], made['bow to starboard'])
     )
     to_port, to_starboard = port[0] - straight[0], starboard[0] - port[0]
     noise_port = DEVIATIONS * math.hypot(port[1], straight[1])
@@ -141,6 +152,7 @@ def _check_release(
     limit_s: float,
     record: DriverRecord,
     track: Motion,
+    expected: Expected,
 ) -> Finding:
     """Rudder and thrust go back to neutral within a limit from the begin of the second move of a pair."""
     if pair[1] not in made:
@@ -149,7 +161,7 @@ def _check_release(
     when = 'commands stopped' if name == 'neutral' else '~/enable was called with false'
     mend = f'make rudder and thrust neutral within {limit_s} s of when {when}'
     if not record.joints:
-        return _release_by_speed(name, before, after, limit_s, track, mend)
+        return _release_by_speed(name, before, after, limit_s, track, expected.vessel, mend)
     took_s = [_release_time_s(record.joints, after, column) for column in (0, 1)]
     if None in took_s:
         return Finding(name, 'left out', 'joint_states shows neither rudder nor thrust obeying')
@@ -184,37 +196,23 @@ def _feedback(joints: Sequence[JointSample], column: int) -> tuple[Array, Array]
 
 
 def _release_by_speed(
-    name: str, before: Move, after: Move, limit_s: float, track: Motion, mend: str
+    name: str, before: Move, after: Move, limit_s: float, track: Motion, vessel: VesselParams, mend: str
 ) -> Finding:
-    """Without feedback: the vessel gains less speed, or loses more, than before."""
-    driven = _slope(track, before)
-    free = _slope(track, after._replace(begin_s=after.begin_s + limit_s), settled=0.0)
-    found = f'without joint_states: {driven[0]:+.4f} m/s^2 before, {free[0]:+.4f} after'
-    if driven[0] - free[0] > DEVIATIONS * math.hypot(driven[1], free[1]):
+    """Without feedback: once the limit has passed, the speed made is nearer to the preset without thrust."""
+    held_n = before.command.thrust_n if before.command else 0.0
+    rest = after._replace(begin_s=after.begin_s + limit_s)
+    speed, noise, driven, idle = _speeds(track, rest, vessel, held_n, before.command)
+    found = (
+        f'without joint_states: {speed:.2f} m/s; the preset foresees {idle:.2f}, {driven:.2f} under thrust'
+    )
+    if driven - speed > max(0.5 * (driven - idle), DEVIATIONS * noise):
         return Finding(name, 'ok', found)
     return Finding(name, 'fail', f'not seen; {found}', f'{mend}, or publish joint_states so that it shows')
 
 
-def _slope(track: Motion, move: Move, settled: float = 0.5) -> tuple[float, float]:
-    """Acceleration in surge over the settled part of a move, and its standard error, in m/s^2."""
-    time_s, surge = _during(track, move, settled, track.velocity[:, 0])
-    if len(time_s) < 3:
-        return 0.0, math.inf
-    line = np.polyfit(time_s - time_s.mean(), surge, 1)
-    rest = surge - np.polyval(line, time_s - time_s.mean())
-    spread = float(np.sum((time_s - time_s.mean()) ** 2))
-    return float(line[0]), float(np.sqrt(np.sum(rest**2) / (len(rest) - 2) / spread * CORRELATED))
-
-
-def _mean(track: Motion, move: Move, settled: float, values: Array) -> tuple[float, float]:
-    """Mean over the settled part of a move, and its standard error."""
-    _, chosen = _during(track, move, settled, values)
+def _mean(track: Motion, move: Move, values: Array) -> tuple[float, float]:
+    """Mean over a move, and its standard error; successive samples of a hull are no separate witnesses."""
+    chosen = values[(track.stamp_s >= move.begin_s) & (track.stamp_s <= move.end_s)]
     if len(chosen) < 3:
         return 0.0, math.inf
     return float(chosen.mean()), float(chosen.std() / math.sqrt(max(len(chosen) / CORRELATED, 1.0)))
-
-
-def _during(track: Motion, move: Move, settled: float, values: Array) -> tuple[Array, Array]:
-    begin_s = move.begin_s + settled * (move.end_s - move.begin_s)
-    chosen = (track.stamp_s >= begin_s) & (track.stamp_s <= move.end_s)
-    return track.stamp_s[chosen], values[chosen]
