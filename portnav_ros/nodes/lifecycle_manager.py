@@ -28,6 +28,7 @@ NAME = 'lifecycle_manager'
 ACTIVATED = 'managed_nodes_activated'
 UNKNOWN, UNCONFIGURED, INACTIVE, ACTIVE = 'unknown', 'unconfigured', 'inactive', 'active'
 ANSWER_S = 1.0  # without an answer for so long, the state is read again
+GREETING_S = 0.05  # the same for a process that is new and may not hear yet; doubles with every reading
 
 
 class Step(NamedTuple):
@@ -70,7 +71,8 @@ class RemoteNode:
         self._pid: int | None = None
         self._read = node.create_client(GetState, f'{name}/get_state')
         self._change = node.create_client(ChangeState, f'{name}/change_state')
-        self._asked: tuple[Client, Future, float] | None = None
+        self._asked: tuple[Client, Future] | None = None
+        self._patience_s = self._until_s = 0.0
 
     @property
     def idle(self) -> bool:
@@ -80,24 +82,27 @@ class RemoteNode:
     def follow(self, pid: int | None) -> None:
         """Take note of its process, None while there is none that is up; nothing is known of a new one."""
         if pid != self._pid:
-            self._pid = pid
+            self._pid, self._patience_s = pid, GREETING_S
             self._forget()
 
     def ask(self, step: Step, now_s: float) -> None:
         """Ask for a transition."""
-        self.step = step
-        self._send(self._change, ChangeState.Request(transition=Transition(id=step.number)), now_s)
+        self.step, self._until_s = step, now_s + ANSWER_S
+        request = ChangeState.Request(transition=Transition(id=step.number))
+        self._asked = self._change, self._change.call_async(request)
 
     def listen(self, now_s: float) -> None:
         """Take the answer; read the state where it is not known, or where no answer has come in time."""
         if self._asked is not None:
-            _, future, asked_s = self._asked
+            _, future = self._asked
             if future.done():
                 self._take(future.result())
-            elif now_s - asked_s > ANSWER_S:
+            elif now_s > self._until_s:
                 self._forget()
         if self._pid is not None and self.idle and self.state == UNKNOWN and self._read.service_is_ready():
-            self._send(self._read, GetState.Request(), now_s)
+            self._asked = self._read, self._read.call_async(GetState.Request())
+            self._until_s = now_s + self._patience_s
+            self._patience_s = min(2.0 * self._patience_s, ANSWER_S)
 
     def _take(self, answer: Any) -> None:
         self._asked = None
@@ -111,12 +116,9 @@ class RemoteNode:
         if self.step is not None and self.state == self.step.target:
             self.step = None
 
-    def _send(self, client: Client, request: Any, now_s: float) -> None:
-        self._asked = client, client.call_async(request), now_s
-
     def _forget(self) -> None:
         if self._asked is not None:
-            client, future, _ = self._asked
+            client, future = self._asked
             client.remove_pending_request(future)
         self._asked, self.state = None, UNKNOWN
 
