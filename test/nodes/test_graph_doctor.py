@@ -295,11 +295,13 @@ def test_nodes_that_run_are_seen(graph):
     (seen,) = future.result()
     assert set(seen.nodes) == {'pid_controller', 'dwa_planner', 'other'}
     assert [end.node for end in seen.ends('setpoint').publishers] == ['other']
-    found = {(finding.check, finding.found) for finding in wrong(seen)}
-    assert found == {
+    found = {finding.check: finding for finding in wrong(seen)}
+    stop = found.pop('pid_controller')
+    assert (stop.status, stop.found.partition(' no ')[0]) == ('warn', 'active: stop:')
+    assert stop.mend.startswith('see `odom`')
+    assert {(check, finding.found) for check, finding in found.items()} == {
         ('odom', 'nobody publishes it; listening: pid_controller'),
         ('cmd_actuators', 'pid_controller publishes it and nobody obeys'),
-        ('pid_controller', 'active: stop: no odometry yet'),
         ('dwa_planner', 'unconfigured'),
         ('setpoint', 'pid_controller has heard nothing of it from other'),
     }
