@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from portnav_ros.baselines.line_of_sight import LineOfSight
-from portnav_ros.nodes.local_planner import LocalPlanner, PlannerParams
+from portnav_ros.nodes.local_planner import LocalPlanner
+from portnav_ros.nodes.planner_params import PlannerParams
 from portnav_ros.nodes.runtime import run_node
 from portnav_ros.task.policy import Policy
 

@@ -6,21 +6,22 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import JointState, LaserScan
 
-from portnav_ros.control.autopilot import AutopilotParams
 from portnav_ros.geometry import wrap_angle
+from portnav_ros.nodes.inputs import Inputs
 from portnav_ros.nodes.messages import (
+    SECOND_NS,
     MessageError,
     fill_setpoint,
     nanoseconds,
     new_setpoint,
+    pose_message,
     read_joints,
     read_odometry,
     read_path,
@@ -28,58 +29,19 @@ from portnav_ros.nodes.messages import (
     read_stamp,
     status_message,
 )
-from portnav_ros.nodes.parameters import NodeParams
+from portnav_ros.nodes.planner_params import PlannerParams
 from portnav_ros.nodes.runtime import Health, PortNode
-from portnav_ros.params import Ranges, check_ranges
-from portnav_ros.sim.scenario import PATH_SPACING_M, LidarParams
-from portnav_ros.task.observation import ObservationParams, Observer
+from portnav_ros.safety.plausibility import ray_misfit
+from portnav_ros.safety.progress import Advance, ProgressWatch
+from portnav_ros.sim.scenario import PATH_SPACING_M
+from portnav_ros.task.observation import Observer
 from portnav_ros.task.policy import Holding, Policy
-from portnav_ros.types import RUDDER, STATE_SIZE, THRUST, YAW, Array, Scan, Setpoint, X, Y
-from portnav_ros.vessel import VesselParams
+from portnav_ros.types import RUDDER, STATE_SIZE, THRUST, YAW, Array, Setpoint, X, Y
 
+ODOM, SCAN = 'odom', 'scan'
 WATCH_S = 0.1
 DECISIONS = 1000  # that the latency is told of
 EVERYONE = np.ones(1, dtype=bool)
-
-
-@dataclass(frozen=True)
-class PlannerParams(NodeParams):
-    """Parameters of a local planner.
-
-    preset: vessel in config/vessels, or a YAML file; vessel.*: what differs from it. autopilot.*: gains of
-    the PID controller, which a planner may simulate. lidar.*: the sensor, whose rays are checked.
-    observation.*: what the policy sees; a learned one sees what its model was trained on. lock_step: answer
-    each decision with odometry, scan and actuator feedback of the very same stamp. period_s: from decision
-    to decision. age_s: of scan and odometry, past which the vessel is stopped. release_s: time with both
-    before it sails again. rate: simulated seconds per second. goal_radius_m: from the end of the plan, within
-    which it is stopped. stuck_s: time without progress after which a plan is asked for anew, once, and after
-    which again the vessel is stopped.
-    """
-
-    preset: str = 'shuttle'
-    vessel: VesselParams = field(default_factory=VesselParams)
-    autopilot: AutopilotParams = field(default_factory=AutopilotParams)
-    lidar: LidarParams = field(default_factory=LidarParams)
-    observation: ObservationParams = field(default_factory=ObservationParams)
-    lock_step: bool = False
-    period_s: float = 1.0
-    age_s: float = 0.5
-    release_s: float = 2.0
-    rate: float = 1.0
-    goal_radius_m: float = 50.0
-    stuck_s: float = 180.0
-    ranges: ClassVar[Ranges] = {
-        'period_s': (0.05, 60.0),
-        'age_s': (0.05, 60.0),
-        'release_s': (0.0, 600.0),
-        'rate': (0.01, 1000.0),
-        'goal_radius_m': (0.0, 1000.0),
-        'stuck_s': (1.0, 86400.0),
-    }
-
-    def __post_init__(self) -> None:
-        """Refuse times and distances that make no sense."""
-        check_ranges(self)
 
 
 class LocalPlanner(PortNode[PlannerParams]):
@@ -105,13 +67,16 @@ class LocalPlanner(PortNode[PlannerParams]):
         """Make the policy and compile it, and speak and listen."""
         params = self.params
         self._period_ns, self._age_ns = nanoseconds(params.period_s), nanoseconds(params.age_s)
-        self._ages = InputAges({ODOM: params.age_s, SCAN: params.age_s}, params.rate)
+        clock = None if self.lock_step else lambda: self.steady_s()
+        limits_s = {ODOM: params.age_s, SCAN: params.age_s}
+        self._inputs = Inputs(limits_s, params.rate, params.release_s, clock)
         self._watched = ProgressWatch(params.stuck_s)
         self._observer = Observer(1, params.lidar, params.observation)
         self.get_logger().info('preparing the planner; the first start compiles kernels, up to a minute')
         self._policy = self._make_policy(params)
         self._warm_up()
         self._path: Array | None = None
+        self._advance = Advance.SAIL_ON
         self._message = new_setpoint()
         self._setpoints = self.publisher('setpoint_raw')
         self._states = self.publisher('navigation_state')
@@ -125,7 +90,6 @@ class LocalPlanner(PortNode[PlannerParams]):
 
     def activate(self) -> None:
         """Know nothing yet but the plan."""
-        self._hold = Hold()
         self._forget()
 
     def deactivate(self) -> None:
@@ -146,6 +110,8 @@ class LocalPlanner(PortNode[PlannerParams]):
             return Health(DiagnosticStatus.WARN, 'no odom yet', values)
         if self._reason:
             return Health(DiagnosticStatus.WARN, f'stop: {self._reason}', values)
+        if self._advance is not Advance.SAIL_ON:
+            return Health(DiagnosticStatus.WARN, f'no progress along the plan: {self._advance.value}', values)
         return Health(values=values)
 
     def explain(self, decision_s: float) -> None:
@@ -177,7 +143,7 @@ class LocalPlanner(PortNode[PlannerParams]):
         self._reason = ''
         self._stop_yaw_rad: float | None = None
         self._decisions_s: deque[float] = deque(maxlen=DECISIONS)
-        self._ages.forget()
+        self._inputs.forget()
         self._begin_path()
 
     def _begin_path(self) -> None:
@@ -189,7 +155,8 @@ class LocalPlanner(PortNode[PlannerParams]):
 
     def _take_plan(self, message: Path) -> None:
         path = read_path(message)
-        if self._path is not None and np.array_equal(path, self._path):
+        same = self._path is not None and np.array_equal(path, self._path)
+        if same and self._advance is not Advance.GIVE_UP:
             return
         self._path = path
         if self.active:
@@ -199,9 +166,9 @@ class LocalPlanner(PortNode[PlannerParams]):
 
     def _take_odometry(self, message: Odometry) -> None:
         state, time_ns = read_odometry(message), read_stamp(message.header.stamp)
-        if self._note(ODOM, time_ns) is Arrival.JUMPED:
+        if self._inputs.note(ODOM, time_ns):
             self._forget()
-            self._note(ODOM, time_ns)
+            self._inputs.note(ODOM, time_ns)
         if time_ns < self._time_ns:
             return  # overtaken on its way
         self._own[0, :RUDDER], self._time_ns = state[:RUDDER], time_ns
@@ -213,14 +180,11 @@ class LocalPlanner(PortNode[PlannerParams]):
             scan = read_scan(message)
             if misfit := ray_misfit(scan, self._ranges.shape[1]):
                 raise MessageError(misfit)
-            self._note(SCAN, stamp_ns)
+            self._inputs.note(SCAN, stamp_ns)
             self._ranges[0], self._scan_ns = scan.ranges, stamp_ns
         finally:
-            if self.lock_step:
-                self._scan_seen_ns = stamp_ns
-                self._decide_if_due()
-        self._scan_seen_ns = stamp_ns
-        self._decide_if_due()
+            self._scan_seen_ns = stamp_ns
+            self._decide_if_due()
 
     def _take_joints(self, message: JointState) -> None:
         feedback = read_joints(message)
@@ -236,6 +200,7 @@ class LocalPlanner(PortNode[PlannerParams]):
         if self._time_ns < self._due_ns or not self._complete():
             return
         self._due_ns = self._time_ns - self._time_ns % self._period_ns + self._period_ns
+        self._inputs.judge(self._time_ns)
         self._reason = self._find_reason_to_stop()
         if self._reason:
             self._stop()
@@ -252,14 +217,13 @@ class LocalPlanner(PortNode[PlannerParams]):
     def _find_reason_to_stop(self) -> str:
         if self._path is None or not len(self._path):
             return 'no plan'
-        if self._scan_ns < 0:
-            return 'no scan yet'
-        if self._time_ns - self._scan_ns > self._age_ns:
-            return 'scan too old'
+        if self._inputs.reason:
+            return self._inputs.reason
         goal = self._path[-1] - self._own[0, [X, Y]]
         if math.hypot(*goal) <= self.params.goal_radius_m:
             return 'goal reached'
-        return ''
+        gave_up = self._advance is Advance.GIVE_UP and not self.lock_step
+        return 'stuck: no progress along the plan' if gave_up else ''
 
     def _sail(self) -> None:
         if self._stop_yaw_rad is not None:
@@ -275,10 +239,23 @@ class LocalPlanner(PortNode[PlannerParams]):
         decision_s = time.perf_counter() - started_s
         self._stop_yaw_rad = None
         self._publish()
+        self._watch_progress()
         if not isinstance(self._policy, Holding) or self._policy.decided.any():
             self.explain(decision_s)
 
+    def _watch_progress(self) -> None:
+        """Ask once for another plan to the same goal, where the vessel gets no further; then give up."""
+        progress_m = float(self._observer.progress[0]) * PATH_SPACING_M
+        advance = self._watched.sail(self._time_ns / SECOND_NS, progress_m)
+        if advance is Advance.SAIL_ON:
+            return
+        self._advance = advance
+        self.get_logger().warning(f'no progress for {self.params.stuck_s:.0f} s: {advance.value}')
+        if advance is Advance.PLAN_ANEW and not self.lock_step:
+            self._goals.publish(pose_message(*self._path[-1], 0.0, self._time_ns))
+
     def _stop(self) -> None:
+        self._watched.rest()
         if self._stop_yaw_rad is None:
             self._stop_yaw_rad = wrap_angle(self._own[0, YAW])
         self._setpoint[0] = self._stop_yaw_rad, 0.0
@@ -312,23 +289,10 @@ class LocalPlanner(PortNode[PlannerParams]):
         """Stop between decisions when a sensor has gone silent; in lock-step time itself waits."""
         if self.lock_step or self._time_ns < 0:
             return
-        if time.monotonic() - self._heard_s > self.params.age_s:
-            self._reason = 'odometry too old'
-        elif self._scan_ns >= 0 and self._time_ns - self._scan_ns > self._age_ns:
-            self._reason = 'scan too old'
-        else:
-            return
-        self._stop()
-
-
-def _check_rays(scan: Scan, rays: int) -> None:
-    """Refuse a scan whose rays look elsewhere than those of LidarParams."""
-    if len(scan.ranges) != rays:
-        raise MessageError(f'{len(scan.ranges)} rays, expected {rays} (lidar.rays)')
-    step = 2.0 * math.pi / rays
-    turned, spread = wrap_angle(scan.angle_min_rad + math.pi), rays * (scan.angle_increment_rad - step)
-    if max(abs(turned), abs(spread)) > 0.5 * step:
-        raise MessageError(
-            f'angle_min {scan.angle_min_rad:.4f}, angle_increment {scan.angle_increment_rad:.4f}: expected '
-            f'{-math.pi:.4f} (astern) and {step:.4f} (all around, counter-clockwise)'
-        )
+        was_stopped = self._inputs.reason
+        if reason := self._inputs.judge(self._time_ns):
+            self._reason = reason
+            self._stop()
+        elif was_stopped:
+            self._due_ns = 0
+            self._decide_if_due()

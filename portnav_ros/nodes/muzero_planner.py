@@ -12,8 +12,9 @@ from visualization_msgs.msg import MarkerArray
 
 from portnav_ros.muzero.model_file import released_model
 from portnav_ros.muzero.policy import Decision, MuZeroPolicy, load_policy
-from portnav_ros.nodes.local_planner import EVERYONE, LocalPlanner, PlannerParams
+from portnav_ros.nodes.local_planner import EVERYONE, LocalPlanner
 from portnav_ros.nodes.markers import track_marker
+from portnav_ros.nodes.planner_params import PlannerParams
 from portnav_ros.nodes.runtime import Health, run_node
 from portnav_ros.params import Ranges
 from portnav_ros.types import STATE_SIZE

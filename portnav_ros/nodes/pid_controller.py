@@ -11,9 +11,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 
 from portnav_ros.control.autopilot import PID_SIZE, AutopilotParams, steer
+from portnav_ros.nodes.inputs import Inputs
 from portnav_ros.nodes.messages import (
     SECOND_NS,
-    MessageError,
     fill_joints,
     nanoseconds,
     new_joints,
@@ -24,9 +24,7 @@ from portnav_ros.nodes.messages import (
 from portnav_ros.nodes.parameters import NodeParams
 from portnav_ros.nodes.runtime import Health, PortNode, run_node
 from portnav_ros.params import Ranges, check_ranges
-from portnav_ros.safety.ages import Arrival, InputAges
 from portnav_ros.safety.braking import AsternBound
-from portnav_ros.safety.decision import Hold, held
 from portnav_ros.safety.rivals import RivalWatch
 from portnav_ros.types import STATE_SIZE, YAW, Actuation, Setpoint
 from portnav_ros.vessel import VesselParams
@@ -95,7 +93,8 @@ class PidController(PortNode[PidParams]):
         self._own, self._memory = np.zeros(STATE_SIZE), np.zeros(PID_SIZE)
         self._period_ns = nanoseconds(self.params.planner_period_s)
         limits_s = {ODOM: self.params.odom_age_s, SETPOINT: self.params.setpoint_age_s}
-        self._ages = InputAges(limits_s, self.params.rate)
+        clock = None if self.lock_step else lambda: self.steady_s()
+        self._inputs = Inputs(limits_s, self.params.rate, self.params.release_s, clock)
         self._astern = AsternBound(self.params.astern_s, self.params.vessel)
         self._rivals = RivalWatch(SETPOINT)
         self.get_logger().info('the first start compiles the autopilot, a few seconds')
@@ -108,7 +107,7 @@ class PidController(PortNode[PidParams]):
 
     def activate(self) -> None:
         """Know nothing yet."""
-        self._hold, self._rivalry = Hold(reason='no odom yet'), ''
+        self._stop_reason, self._rivalry = 'no odom yet', ''
         self._forget()
 
     def deactivate(self) -> None:
@@ -121,14 +120,15 @@ class PidController(PortNode[PidParams]):
         values = {
             'time_ns': self._time_ns,
             'setpoint_ns': self._setpoint_ns,
-            'stop_reason': self._hold.reason,
+            'stop_reason': self._stop_reason,
+            'astern_bound': 'reached' if self._astern.reached else '',
         }
         if self._rivalry:
             return Health(DiagnosticStatus.ERROR, f'stop: {self._rivalry}', values)
-        if self._hold.reason:
-            return Health(DiagnosticStatus.WARN, f'stop: {self._hold.reason}', values)
+        if self._stop_reason:
+            return Health(DiagnosticStatus.WARN, f'stop: {self._stop_reason}', values)
         if self._astern.reached:
-            return Health(DiagnosticStatus.WARN, 'astern for too long: no more astern thrust', values)
+            return Health(DiagnosticStatus.WARN, 'astern for too long: thrust is held at 0', values)
         return Health(values=values)
 
     def _forget(self) -> None:
@@ -138,16 +138,13 @@ class PidController(PortNode[PidParams]):
         self._setpoint, self._command = Setpoint(0.0, 0.0), NEUTRAL
         self._stop_yaw_rad: float | None = None
         self._astern.forget()
-        self._ages.forget()
+        self._inputs.forget()
 
     def _take_odometry(self, message: Odometry) -> None:
         state, time_ns = read_odometry(message), read_stamp(message.header.stamp)
-        arrival = self._ages.note(ODOM, time_ns, self._steady_s(time_ns))
-        if arrival is Arrival.FUTURE:
-            raise MessageError(arrival.value)
-        if arrival is Arrival.JUMPED:
+        if self._inputs.note(ODOM, time_ns):
             self._forget()
-            self._ages.note(ODOM, time_ns, self._steady_s(time_ns))
+            self._inputs.note(ODOM, time_ns)
         if time_ns < self._time_ns:
             return  # overtaken on its way
         first = self._time_ns < 0
@@ -157,9 +154,7 @@ class PidController(PortNode[PidParams]):
 
     def _take_setpoint(self, message: Odometry) -> None:
         setpoint, stamp_ns = read_setpoint(message), read_stamp(message.header.stamp)
-        arrival = self._ages.note(SETPOINT, stamp_ns, self._steady_s(stamp_ns))
-        if arrival is Arrival.FUTURE:
-            raise MessageError(arrival.value)
+        self._inputs.note(SETPOINT, stamp_ns)
         self._setpoint, self._setpoint_ns = setpoint, stamp_ns
         if self._time_ns >= 0:
             self._answer()
@@ -180,31 +175,21 @@ class PidController(PortNode[PidParams]):
 
     def _target(self) -> Setpoint:
         """Return the setpoint, or a stop on the present heading, which keeps the rudder effective."""
-        self._judge()
-        if not self._hold.reason:
+        self._stop_reason = self._inputs.judge(self._time_ns, self._rivalry)
+        if not self._stop_reason:
             self._stop_yaw_rad = None
             return self._setpoint
         if self._stop_yaw_rad is None:
             self._stop_yaw_rad = float(self._own[YAW])
         return Setpoint(self._stop_yaw_rad, 0.0)
 
-    def _judge(self) -> None:
-        """Tell whether there is a reason to stop, or was one just now."""
-        steady_s = self._steady_s(self._time_ns)
-        reason = self._ages.too_old(steady_s) or self._rivalry
-        self._hold = held(self._hold, reason, self._ages.now_ns(steady_s) / SECOND_NS, self.params.release_s)
-
-    def _steady_s(self, stamp_ns: int) -> float:
-        """The time that ages are told in; in lock-step only stamps tell it."""
-        return stamp_ns / SECOND_NS if self.lock_step else self.steady_s()
-
     def _watch(self) -> None:
         """Keep the actuators neutral while the driver says nothing: there is no heading to keep."""
         if self.lock_step:
             return
         self._rivalry = self._rivals.note(self.publishers_of(self._listens_to), self.steady_s())
-        if self._time_ns >= 0 and self._ages.is_late(ODOM, self.steady_s()):
-            self._judge()
+        if self._time_ns >= 0 and self._inputs.is_late(ODOM, self._time_ns):
+            self._stop_reason = self._inputs.judge(self._time_ns)
             self._publish_neutral()
 
     def _publish_neutral(self) -> None:

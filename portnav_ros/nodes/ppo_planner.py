@@ -10,7 +10,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from portnav_ros.baselines.ppo_policy import PpoPolicy, load_policy
 from portnav_ros.muzero.model_file import released_model
-from portnav_ros.nodes.local_planner import LocalPlanner, PlannerParams
+from portnav_ros.nodes.local_planner import LocalPlanner
+from portnav_ros.nodes.planner_params import PlannerParams
 from portnav_ros.nodes.runtime import Health, run_node
 
 NAME = 'ppo_planner'

@@ -19,6 +19,7 @@ from visualization_msgs.msg import MarkerArray
 from portnav_ros.control.autopilot import AutopilotParams
 from portnav_ros.nodes.markers import track_marker
 from portnav_ros.nodes.messages import (
+    SECOND_NS,
     MessageError,
     fill_setpoint,
     nanoseconds,
@@ -100,6 +101,7 @@ class SafetyMonitor(PortNode[SafetyParams]):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, DEFAULTS, **options)
+        self.steady_s = time.monotonic
         self._emergency = False
 
     def configure(self) -> None:
@@ -109,7 +111,7 @@ class SafetyMonitor(PortNode[SafetyParams]):
         self._zone = Zone(params.zone, params.vessel, params.autopilot)
         self.get_logger().info('the first start compiles the rehearsal of a stop, a few seconds')
         self._zone.limit_mps(np.zeros(STATE_SIZE), Setpoint(0.0, 1.0), np.zeros((1, 2)))
-        self._message, self._state_text = new_setpoint(), ''
+        self._message = new_setpoint()
         self._rivals = RivalWatch(SETPOINT)
         self._setpoints = self.publisher('setpoint')
         self._states, self._markers = self.publisher('safety_state'), self.publisher('markers')
@@ -129,7 +131,7 @@ class SafetyMonitor(PortNode[SafetyParams]):
         self._raw: Odometry | None = None
         self._scan: Scan | None = None
         self._time_ns = self._scan_ns = -1
-        self._last, self._rivalry = PASSING, ''
+        self._last, self._rivalry, self._told = PASSING, '', ''
 
     def deactivate(self) -> None:
         """Stop the vessel; in lock-step there is nobody to heed it."""
@@ -147,8 +149,8 @@ class SafetyMonitor(PortNode[SafetyParams]):
     def _new_guard(self) -> Guard:
         params = self.params
         limits_s = {ODOM: params.age_s, SCAN: params.age_s, SETPOINT: params.setpoint_age_s}
-        ages = None if self.lock_step else InputAges(limits_s, params.rate)
-        return Guard(params.sensors, params.setpoints, self._zone if params.zones else None, ages)
+        zone = self._zone if params.zones else None
+        return Guard(params.sensors, params.setpoints, zone, InputAges(limits_s, params.rate))
 
     def _listen_for_emergency(self) -> None:
         """Hear whoever publishes, and what a latched publisher said before."""
@@ -159,9 +161,13 @@ class SafetyMonitor(PortNode[SafetyParams]):
 
     def _take_odometry(self, message: Odometry) -> None:
         state, stamp_ns = read_odometry(message), read_stamp(message.header.stamp)
-        _check(self._guard.take_odometry(state, stamp_ns, time.monotonic()))
-        self._time_ns = stamp_ns
-        self._answer_if_complete()
+        arrival = _checked(self._guard.take_odometry(state, stamp_ns, self._steady_s(stamp_ns)))
+        if arrival is not Arrival.REPEATED:
+            self._time_ns = stamp_ns
+        if self.lock_step:
+            self._answer_if_complete()
+        elif self._guard.is_doubted(ODOM):
+            self._act(self._decide())
 
     def _take_scan(self, message: LaserScan) -> None:
         self._scan_ns, self._scan = read_stamp(message.header.stamp), None
@@ -171,7 +177,7 @@ class SafetyMonitor(PortNode[SafetyParams]):
                 raise MessageError(misfit)
             self._scan = scan
             if not self.lock_step:
-                _check(self._guard.take_scan(scan, self._scan_ns, time.monotonic()))
+                _checked(self._guard.take_scan(scan, self._scan_ns, self.steady_s()))
                 self._act(self._decide())
         finally:
             self._answer_if_complete()
@@ -183,26 +189,26 @@ class SafetyMonitor(PortNode[SafetyParams]):
             self._guard.doubt_setpoint(str(error))
             self._answer(message)
             raise
-        _check(self._guard.take_setpoint(setpoint, stamp_ns, time.monotonic()))
+        _checked(self._guard.take_setpoint(setpoint, stamp_ns, self._steady_s(stamp_ns)))
         self._answer(message)
 
     def _answer(self, raw: Odometry) -> None:
-        self._raw = raw
         if self.lock_step:
+            self._raw = raw
             self._answer_if_complete()
         else:
             self._act(self._decide(), raw)
 
     def _answer_if_complete(self) -> None:
         """In lock-step, answer a setpoint once odometry and scan of its stamp are there."""
-        if not self.lock_step or self._raw is None:
+        if self._raw is None:
             return
         stamp_ns = read_stamp(self._raw.header.stamp)
         alone = stamp_ns % self._period_ns != 0  # a new plan was answered between two decisions
         if alone or stamp_ns == self._time_ns == self._scan_ns:
             raw, self._raw = self._raw, None
             if self._scan is not None:
-                self._guard.take_scan(self._scan, self._scan_ns, 0.0)
+                self._guard.take_scan(self._scan, self._scan_ns, self._steady_s(self._scan_ns))
             self._act(self._decide(), raw)
 
     def _is_between_decisions(self, stamp_ns: int) -> bool:
@@ -210,34 +216,31 @@ class SafetyMonitor(PortNode[SafetyParams]):
         return stamp_ns % self._period_ns != 0
 
     def _decide(self, ordered: str = '') -> Decision:
-        return self._guard.decide(
-            time.monotonic(), ordered or (EMERGENCY if self._emergency else self._rivalry)
-        )
+        ordered = ordered or (EMERGENCY if self._emergency else self._rivalry)
+        return self._guard.decide(self._steady_s(self._time_ns), ordered)
+
+    def _steady_s(self, stamp_ns: int) -> float:
+        """The time that ages are told in; in lock-step only stamps tell it."""
+        return stamp_ns / SECOND_NS if self.lock_step else self.steady_s()
 
     def _act(self, decision: Decision, raw: Odometry | None = None, repeat: bool = False) -> None:
         """Publish a decision where it is new, or where a planner's setpoint or a repetition is due."""
         due = raw is not None or decision != self._last or (repeat and decision.stops)
-        self._last = decision
         if not self._guard.ready or not due:
             return
+        self._last = decision
         if raw is not None and not decision.reason:
             self._setpoints.publish(raw)
         else:
-            asked = raw or self._raw
-            ahead = asked.pose.pose.position if asked is not None else None
-            own = self._guard.own
-            point = (ahead.x, ahead.y) if ahead is not None else (own[0], own[1])
-            stamp_ns = read_stamp(raw.header.stamp) if self.lock_step and raw is not None else self._time_ns
-            fill_setpoint(self._message, stamp_ns, decision.setpoint, point)
+            fill_setpoint(self._message, self._time_ns, decision.setpoint, self._guard.own[:2])
             self._setpoints.publish(self._message)
         self._publish_state()
 
     def _publish_state(self) -> None:
         """Tell of a new state; the same one is told once."""
-        if (text := self._text()) == self._state_text:
+        if (text := self._text()) == self._told:
             return
-        self._state_text = text
-        setpoint, reason = self._last
+        self._told, (setpoint, reason) = text, self._last
         values = {'stamp': self._time_ns, 'stop_reason': reason, 'speed_mps': f'{setpoint.speed_mps:.3f}'}
         self._states.publish(status_message(NAME, self._level(), text, values))
 
@@ -248,15 +251,12 @@ class SafetyMonitor(PortNode[SafetyParams]):
 
     def _level(self) -> bytes:
         if self._last.reason and self._last.reason in (EMERGENCY, self._rivalry):
-            return bytes(DiagnosticStatus.ERROR)
-        return bytes(DiagnosticStatus.WARN if self._last.reason else DiagnosticStatus.OK)
+            return DiagnosticStatus.ERROR
+        return DiagnosticStatus.WARN if self._last.reason else DiagnosticStatus.OK
 
     def _watch(self) -> None:
         """Notice who is silent and who speaks out of turn, and repeat a stop."""
-        names = []
-        if self.count_publishers(self._listens_to.topic) > 1:
-            names = [end.node_name for end in self.get_publishers_info_by_topic(self._listens_to.topic)]
-        self._rivalry = self._rivals.note(names, time.monotonic())
+        self._rivalry = self._rivals.note(self.publishers_of(self._listens_to), self.steady_s())
         self._act(self._decide(), repeat=True)
 
     def _draw(self) -> None:
@@ -284,9 +284,10 @@ class SafetyMonitor(PortNode[SafetyParams]):
             self._act(self._decide())
 
 
-def _check(arrival: Arrival) -> None:
+def _checked(arrival: Arrival) -> Arrival:
     if arrival is Arrival.FUTURE:
         raise MessageError(arrival.value)
+    return arrival
 
 
 def main() -> int:

@@ -2,7 +2,8 @@
 
 The stamps of a driver tell its time, and a steady clock carries it on between two of them: *now* is the
 newest stamp heard plus the steady time since. So a lost input is missed even when all are lost at once, and
-a run in simulated time needs no clock of its own.
+a run in simulated time needs no clock of its own. In lock-step, where time waits for the answer, the stamps
+are the steady clock, too.
 """
 
 from __future__ import annotations

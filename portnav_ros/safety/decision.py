@@ -48,27 +48,44 @@ class Situation(NamedTuple):
     limit_mps: float = math.inf
 
 
+class Hold(NamedTuple):
+    """Hysteresis of a stop.
+
+    cleared: whether there was ever no reason; the first sailing is not made to wait. reason: to stop, the
+    last one while it waits for release. clear_s: since when there has been none.
+    """
+
+    cleared: bool = False
+    reason: str = ''
+    clear_s: float | None = None
+
+
 class Release(NamedTuple):
     """What is remembered between decisions.
 
-    sailed: whether a setpoint was ever passed; the first is not made to wait. stop_yaw_rad: heading that
-    is kept in a stop, None while sailing. reason: of the stop, the last one while it waits for release.
-    clear_s: since when nothing speaks against sailing. limit_mps: of the speed, and limit_s: when it was
-    last called for.
+    stop_yaw_rad: heading that is kept in a stop, None while sailing. limit_mps: of the speed, and limit_s:
+    when it was last called for.
     """
 
-    sailed: bool = False
+    hold: Hold = Hold()
     stop_yaw_rad: float | None = None
-    reason: str = ''
-    clear_s: float | None = None
     limit_mps: float = math.inf
     limit_s: float = -math.inf
 
 
+def held(state: Hold, reason: str, time_s: float, release_s: float) -> Hold:
+    """Hold a reason to stop until there has been none for a time; a clock that jumps back starts it anew."""
+    if reason:
+        return Hold(state.cleared, reason)
+    if not state.reason or not state.cleared:
+        return Hold(cleared=True)
+    clear_s = time_s if state.clear_s is None or time_s < state.clear_s else state.clear_s
+    waiting = time_s - clear_s < release_s
+    return Hold(True, state.reason, clear_s) if waiting else Hold(cleared=True)
+
+
 def judge_setpoint(params: SetpointParams, last: Setpoint | None, setpoint: Setpoint) -> str:
     """Say why a setpoint makes no sense after the last one, or nothing; a stop always makes sense."""
-    if not all(map(math.isfinite, setpoint)):
-        return 'setpoint_raw is not finite'
     if not 0.0 <= setpoint.speed_mps <= params.speed_max_mps:
         return f'setpoint_raw asks for {setpoint.speed_mps:.1f} m/s'
     if last is None or not last.speed_mps or not setpoint.speed_mps:
@@ -84,25 +101,16 @@ def decide(params: SetpointParams, state: Release, now: Situation) -> tuple[Rele
         What to hand over to the next decision; the setpoint, the very same where it passes; and why it
         is not what was asked for, or nothing.
     """
-    waiting = state.stop_yaw_rad is not None and state.sailed
-    clear_s = now.time_s if state.clear_s is None or now.time_s < state.clear_s else state.clear_s
-    if now.reason or now.setpoint is None:
-        return _stop(state, now, now.reason or 'no setpoint_raw yet', None)
-    if waiting and now.time_s - clear_s < params.release_s:
-        return _stop(state, now, state.reason, clear_s)
+    missing = '' if now.setpoint else 'no setpoint_raw yet'
+    hold = held(state.hold, now.reason or missing, now.time_s, params.release_s)
+    if hold.reason or now.setpoint is None:
+        yaw_rad = now.yaw_rad if state.stop_yaw_rad is None else state.stop_yaw_rad
+        return Release(hold, yaw_rad), Setpoint(yaw_rad, 0.0), hold.reason
     limit_mps, limit_s = now.limit_mps, now.time_s
-    if limit_mps > state.limit_mps and now.time_s - state.limit_s < params.release_s:
+    if limit_mps > state.limit_mps and 0.0 <= now.time_s - state.limit_s < params.release_s:
         limit_mps, limit_s = state.limit_mps, state.limit_s
-    passing = Release(sailed=True, limit_mps=limit_mps, limit_s=limit_s)
+    passing = Release(hold, None, limit_mps, limit_s)
     if limit_mps >= now.setpoint.speed_mps:
         return passing, now.setpoint, ''
     reason = 'slowed: little room ahead' if limit_mps else 'no room to stop in'
     return passing, now.setpoint._replace(speed_mps=limit_mps), reason
-
-
-def _stop(
-    state: Release, now: Situation, reason: str, clear_s: float | None
-) -> tuple[Release, Setpoint, str]:
-    yaw_rad = now.yaw_rad if state.stop_yaw_rad is None else state.stop_yaw_rad
-    stopped = Release(state.sailed, yaw_rad, reason, clear_s)
-    return stopped, Setpoint(yaw_rad, 0.0), reason

@@ -41,7 +41,7 @@ class Guard:
         plausible: when a sensor is believed.
         setpoints: what a setpoint may ask.
         zone: room for a stop; None where it is not looked after.
-        ages: of odom, scan and setpoint_raw; None in lock-step, where each decision has its own inputs.
+        ages: of odom, scan and setpoint_raw.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Guard:
         plausible: PlausibilityParams,
         setpoints: SetpointParams,
         zone: Zone | None,
-        ages: InputAges | None,
+        ages: InputAges,
     ) -> None:
         self._plausible, self._setpoints, self._zone, self._ages = plausible, setpoints, zone, ages
         self._release = Release()
@@ -62,11 +62,10 @@ class Guard:
         self._odometry: OdometrySeen | None = None
         self._scan: ScanSeen | None = None
         self._setpoint: Setpoint | None = None
+        self._limit_mps: float | None = None  # of the newest setpoint and scan, once it is asked for
         self._doubts = {ODOM: '', SCAN: '', SETPOINT: ''}
-        self._stamps_ns: dict[str, int] = {}
-        self._release = self._release._replace(clear_s=None, limit_mps=math.inf)
-        if self._ages is not None:
-            self._ages.forget()
+        self._release = self._release._replace(limit_mps=math.inf)
+        self._ages.forget()
 
     @property
     def own(self) -> Array:
@@ -80,37 +79,41 @@ class Guard:
 
     def take_odometry(self, state: VesselState, stamp_ns: int, steady_s: float) -> Arrival:
         """Take the vessel's state; after a jump of the clock nothing else is known."""
-        arrival = self._note(ODOM, stamp_ns, steady_s)
-        if arrival is Arrival.FUTURE:
+        arrival = self._ages.note(ODOM, stamp_ns, steady_s)
+        if arrival in (Arrival.FUTURE, Arrival.REPEATED):
             return arrival
         if arrival is Arrival.JUMPED:
             self.forget()
-            self._note(ODOM, stamp_ns, steady_s)
+            self._ages.note(ODOM, stamp_ns, steady_s)
         self._own[: YAW_RATE + 1] = state[: YAW_RATE + 1]
-        if arrival is not Arrival.REPEATED:
-            self._odometry, self._doubts[ODOM] = judge_odometry(
-                self._plausible, self._odometry, state, stamp_ns / SECOND_NS
-            )
+        seen, doubt = judge_odometry(self._plausible, self._odometry, state, stamp_ns / SECOND_NS)
+        self._odometry, self._doubts[ODOM] = seen, doubt
+        if doubt:
+            self._scan = None  # the pose it was seen from is worth nothing
         return arrival
 
     def take_scan(self, scan: Scan, stamp_ns: int, steady_s: float) -> Arrival:
         """Take what the sensor sees."""
-        arrival = self._note(SCAN, stamp_ns, steady_s)
+        arrival = self._ages.note(SCAN, stamp_ns, steady_s)
         if arrival is Arrival.TAKEN:
-            self._points = scan_points(scan)
+            self._points, self._limit_mps = scan_points(scan), None
             state = VesselState(*self._own)
             self._scan, self._doubts[SCAN] = judge_scan(self._plausible, self._scan, scan, state)
         return arrival
 
     def take_setpoint(self, setpoint: Setpoint, stamp_ns: int, steady_s: float) -> Arrival:
         """Take what the planner asks for."""
-        fresh = self._ages is None or not self._ages.is_late(SETPOINT, steady_s)
-        arrival = self._note(SETPOINT, stamp_ns, steady_s)
+        fresh = not self._ages.is_late(SETPOINT, steady_s)
+        arrival = self._ages.note(SETPOINT, stamp_ns, steady_s)
         if arrival is not Arrival.FUTURE:
             last = self._setpoint if fresh else None
             self._doubts[SETPOINT] = judge_setpoint(self._setpoints, last, setpoint)
-            self._setpoint = setpoint
+            self._setpoint, self._limit_mps = setpoint, None
         return arrival
+
+    def is_doubted(self, name: str) -> bool:
+        """Whether the newest of an input is not believed."""
+        return bool(self._doubts[name])
 
     def doubt_setpoint(self, reason: str) -> None:
         """Take note that the planner has said something that cannot be read."""
@@ -124,27 +127,21 @@ class Guard:
             ordered: why the vessel must be stopped whatever else is known, or nothing.
         """
         reason = ordered or self._reason(steady_s)
-        limit_mps = math.inf
-        if self._zone is not None and self._setpoint is not None and not reason and self._setpoint.speed_mps:
-            limit_mps = self._zone.limit_mps(self._own, self._setpoint, self._points)
-        now = Situation(self._time_s(steady_s), float(self._own[YAW]), self._setpoint, reason, limit_mps)
+        limit_mps = math.inf if reason else self._room_mps()
+        time_s = self._ages.now_ns(steady_s) / SECOND_NS
+        now = Situation(time_s, float(self._own[YAW]), self._setpoint, reason, limit_mps)
         self._release, setpoint, why = decide(self._setpoints, self._release, now)
         return Decision(setpoint, why)
 
-    def _time_s(self, steady_s: float) -> float:
-        """The driver's time."""
-        if self._ages is not None:
-            return self._ages.now_ns(steady_s) / SECOND_NS
-        return self._odometry.time_s if self._odometry is not None else 0.0
-
-    def _note(self, name: str, stamp_ns: int, steady_s: float) -> Arrival:
-        if self._ages is not None:
-            return self._ages.note(name, stamp_ns, steady_s)
-        repeated = self._stamps_ns.get(name) == stamp_ns
-        self._stamps_ns[name] = stamp_ns
-        return Arrival.REPEATED if repeated else Arrival.TAKEN
+    def _room_mps(self) -> float:
+        """The speed from which a stop stays clear."""
+        if self._zone is None or self._setpoint is None or not self._setpoint.speed_mps:
+            return math.inf
+        if self._limit_mps is None:
+            self._limit_mps = self._zone.limit_mps(self._own, self._setpoint, self._points)
+        return self._limit_mps
 
     def _reason(self, steady_s: float) -> str:
-        late = self._ages.too_old(steady_s) if self._ages is not None else ''
+        late = self._ages.too_old(steady_s)
         believed = self._doubts[ODOM] or self._doubts[SCAN] or self._doubts[SETPOINT]
         return late if late and SETPOINT not in late else believed or late

@@ -4,6 +4,8 @@ import itertools
 import math
 
 import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
 
 from portnav_ros.nodes.messages import (
     fill_odometry,
@@ -14,6 +16,7 @@ from portnav_ros.nodes.messages import (
     read_stamp,
 )
 from portnav_ros.nodes.pid_controller import PidController
+from portnav_ros.nodes.topics import TOPICS, offered_qos
 from portnav_ros.types import Setpoint, VesselState
 
 TICK_NS = 50_000_000
@@ -33,13 +36,15 @@ def setpoint(time_ns, yaw=0.5, speed=3.0):
 
 
 @pytest.fixture
-def controller(graph):
-    return start(graph, odom_age_s=60.0)
+def controller(graph, clock):
+    return start(graph, clock, odom_age_s=60.0)
 
 
-def start(graph, **parameters):
+def start(graph, clock, **parameters):
+    """A controller whose clock stands still, so that only stamps age, and that has had one odometry."""
     graph.listen('cmd_actuators', 'diagnostics')
     node = graph.add(PidController, **parameters)
+    node.steady_s = clock
     graph.publish('odom', odometry(0))
     return node
 
@@ -100,38 +105,75 @@ def test_an_odometry_that_is_not_finite_gets_no_answer(graph, controller):
     graph.publish('odom', odometry(2 * TICK_NS))
     answer(graph, 2 * TICK_NS)
     assert TICK_NS not in [read_stamp(m.header.stamp) for m in graph.heard['cmd_actuators']]
-    assert controller.refused['odom'] == 1
+    assert 'not finite' in controller.vitals.reasons['odom']
 
 
-def test_a_silent_driver_gets_neutral(graph):
-    start(graph)
+def test_a_silent_driver_gets_neutral_and_is_trusted_again_after_a_while(graph, clock):
+    start(graph, clock)
     steer_to(graph, 0)
+    clock.now_s += 0.6
     graph.last('cmd_actuators', lambda m: read_joints(m) == (0.0, 0.0))
-    graph.status('pid_controller', lambda status: 'odometry too old' in status.message)
+    graph.status('pid_controller', lambda status: status.message == 'stop: odom too old')
+    for tick in range(1, 43):
+        clock.now_s += 0.05
+        graph.publish('setpoint', setpoint(tick * TICK_NS))
+        graph.publish('odom', odometry(tick * TICK_NS))
+        assert (answer(graph, tick * TICK_NS).thrust_n > 0.0) == (tick == 42)
+
+
+def test_odometry_whose_stamp_stands_still_gets_neutral(graph, clock):
+    start(graph, clock)
+    graph.publish('odom', odometry(TICK_NS))
+    answer(graph, TICK_NS)
+    for _ in range(12):
+        clock.now_s += 0.05
+        graph.publish('odom', odometry(TICK_NS))
+    graph.last('cmd_actuators', lambda m: read_joints(m) == (0.0, 0.0))
+
+
+def test_astern_thrust_ends_after_a_while(graph, clock):
+    node = start(graph, clock, odom_age_s=60.0, astern_s=0.98)
+    for tick in range(1, 25):
+        graph.publish('odom', odometry(tick * TICK_NS))
+        assert (answer(graph, tick * TICK_NS).thrust_n < 0.0) == (tick < 19)
+    graph.status('pid_controller', lambda status: status.message == 'stop: no setpoint yet')
+    assert node.health().values['astern_bound'] == 'reached'
+
+
+def test_two_publishers_of_setpoints_stop_the_vessel_and_are_named(graph, controller):
+    steer_to(graph, 0)
+    rival = rclpy.create_node('rival', context=graph.context)
+    rival.create_publisher(TOPICS['setpoint'].type, 'setpoint', offered_qos(TOPICS['setpoint']))
+    level, text, _ = graph.status('pid_controller', lambda status: 'publishers' in status.message)
+    assert level == DiagnosticStatus.ERROR
+    assert text == 'stop: 2 publishers on setpoint: /other and /rival'
+    graph.publish('odom', odometry(TICK_NS))
+    assert answer(graph, TICK_NS).thrust_n < 0.0
+    rival.destroy_node()
 
 
 def test_a_clock_that_jumps_back_begins_anew(graph, controller):
     steer_to(graph, 0)
-    graph.publish('odom', odometry(TICK_NS))
+    graph.publish('odom', odometry(SECOND_NS))
     graph.publish('odom', odometry(0))
     graph.status('pid_controller', lambda status: status.message == 'stop: no setpoint yet')
 
 
-def test_in_lock_step_the_answer_waits_for_the_setpoint_of_the_decision(graph):
-    start(graph, lock_step=True)
+def test_in_lock_step_the_answer_waits_for_the_setpoint_of_the_decision(graph, clock):
+    start(graph, clock, lock_step=True)
     graph.publish('setpoint', setpoint(0))
     answer(graph, 0)
     graph.publish('odom', odometry(SECOND_NS - TICK_NS))
     answer(graph, SECOND_NS - TICK_NS)
     graph.publish('odom', odometry(SECOND_NS))
-    graph.status('pid_controller', lambda s: s.values[0].value == str(SECOND_NS))
+    graph.status('pid_controller', lambda s: any(v.value == str(SECOND_NS) for v in s.values))
     assert SECOND_NS not in [read_stamp(m.header.stamp) for m in graph.heard['cmd_actuators']]
     graph.publish('setpoint', setpoint(SECOND_NS))
     answer(graph, SECOND_NS)
 
 
-def test_a_repeated_odometry_gets_the_same_answer(graph):
-    start(graph, lock_step=True, **{'autopilot.heading_ki': 5.0})
+def test_a_repeated_odometry_gets_the_same_answer(graph, clock):
+    start(graph, clock, lock_step=True, **{'autopilot.heading_ki': 5.0})
     graph.publish('setpoint', setpoint(0, yaw=0.01))
     first = answer(graph, 0)
     graph.publish('odom', odometry(0))
@@ -139,8 +181,8 @@ def test_a_repeated_odometry_gets_the_same_answer(graph):
     assert read_joints(graph.heard['cmd_actuators'][-1]) == first
 
 
-def test_commands_can_be_held_to_the_rates_of_the_actuators(graph):
-    node = start(graph, odom_age_s=60.0, limit_rates=True)
+def test_commands_can_be_held_to_the_rates_of_the_actuators(graph, clock):
+    node = start(graph, clock, odom_age_s=60.0, limit_rates=True)
     graph.publish('setpoint', setpoint(0, yaw=1.5, speed=5.0))
     commands = []
     for k in range(1, 40):
