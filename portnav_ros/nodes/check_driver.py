@@ -19,13 +19,12 @@ from tqdm import tqdm
 from portnav_ros.evaluation.driver.checks import check_driver
 from portnav_ros.evaluation.driver.moves import STEPS, Step, check_moves, command_of, moves_left_out
 from portnav_ros.evaluation.driver.record import DriverRecord, Expected, Finding, Move
-from portnav_ros.nodes.driver_probe import DriverProbe, SpinOnce
+from portnav_ros.nodes.driver_probe import SPIN_S, DriverProbe, SpinOnce
 from portnav_ros.nodes.preparation import make_options, read_configuration
 from portnav_ros.params import ParamError
 from portnav_ros.sim.difficulty import load_difficulty, load_vessel
 from portnav_ros.types import Actuation
 
-SPIN_S = 0.05
 DISCOVERY_S = 5.0
 SETTLE_S = 0.5  # after the first odometry, for the other topics to be found
 SERVICE_S = 3.0
@@ -132,11 +131,11 @@ def lead(
     try:
         for step in steps:
             say(_announcement(step, command_of(step, expected.vessel)))
+            begin_s = probe.record.odometry[-1].stamp_s
             probe.command = command_of(step, expected.vessel)
             if step.enable is not None and not probe.enable(step.enable, spin_once, SERVICE_S):
                 say('~/enable did not say yes: no further moves')
                 break
-            begin_s = probe.record.odometry[-1].stamp_s
             _listen(probe, spin_once, step.duration_s, step.name, safe)
             if not safe():
                 say(f'odometry fell silent, or the vessel left its room of {room_m:g} m: no further moves')

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
+from rclpy.client import Client
 from rclpy.clock import Clock as RosClock
 from rclpy.clock_type import ClockType
 from rclpy.duration import Infinite
@@ -44,6 +45,7 @@ from portnav_ros.types import Actuation
 NAME = 'driver_probe'
 LISTENERS = (NAME, 'latency_probe', *(name for name in NAMES if name != 'sim'))
 DEPTH = 1000  # whatever keeps this node waiting, it is not the driver's fault
+SPIN_S = 0.05
 SpinOnce = Callable[[float], None]
 
 
@@ -60,6 +62,7 @@ class DriverProbe(Node):
         self.command: Actuation | None = None
         self._system = RosClock(clock_type=ClockType.SYSTEM_TIME)
         self._message = new_joints()
+        self._enabler: Client | None = None
         self._commands = self.create_publisher(
             JointState, 'cmd_actuators', offered_qos(TOPICS['cmd_actuators'])
         )
@@ -118,17 +121,15 @@ class DriverProbe(Node):
             spin_once: serves this node's callbacks for at most so many seconds.
             patience_s: by the wall clock.
         """
-        client = self.create_client(SetBool, f'{self.record.driver}/enable')
-        try:
-            end_s = time.monotonic() + patience_s
-            while not client.service_is_ready() and time.monotonic() < end_s:
-                spin_once(0.05)
-            answer = client.call_async(SetBool.Request(data=wanted))
-            while not answer.done() and time.monotonic() < end_s:
-                spin_once(0.05)
-            return answer.done() and bool(answer.result().success)
-        finally:
-            self.destroy_client(client)
+        if self._enabler is None:
+            self._enabler = self.create_client(SetBool, f'{self.record.driver}/enable')
+        end_s = time.monotonic() + patience_s
+        while not self._enabler.service_is_ready() and time.monotonic() < end_s:
+            spin_once(SPIN_S)
+        answer = self._enabler.call_async(SetBool.Request(data=wanted))
+        while not answer.done() and time.monotonic() < end_s:
+            spin_once(SPIN_S)
+        return answer.done() and bool(answer.result().success)
 
     def _others(self, ends: Iterable[TopicEndpointInfo]) -> list[TopicEndpointInfo]:
         return [end for end in ends if end.node_name != NAME]
