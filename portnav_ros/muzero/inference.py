@@ -22,20 +22,26 @@ from portnav_ros.muzero.layers import (
     run_step,
 )
 from portnav_ros.muzero.tree import Step, new_step
+from portnav_ros.task.mirror import Mirror
 from portnav_ros.types import AnyArray, Array32
 
 SCAN_KERNEL = 5  # sectors that a convolution sees
 SCAN_STRIDE = 3  # of every convolution but the first
 
 
+class Beginning(NamedTuple):
+    """Where a search begins: latent [B, L], logits of the policy [B, A] and value [B], units of reward."""
+
+    latent: Array32
+    logits: Array32
+    value: Array32
+
+
 class Model(Protocol):
     """What a search plans with. B rows, F features, L latent values, A actions; values in units of reward."""
 
-    def represent(self, observation: Array32) -> Array32:
-        """Latent [B, L] of observations [B, F]."""
-
-    def predict(self, latent: Array32) -> tuple[Array32, Array32]:
-        """Logits of the policy [B, A] and value [B]."""
+    def begin(self, observation: Array32) -> Beginning:
+        """What observations [B, F] look like."""
 
     def step(self, latent: Array32, action: AnyArray) -> Step:
         """What actions [B] lead to from latents [B, L]."""
@@ -69,6 +75,11 @@ class NumpyModel:
         self.actions = weights.dynamics[0].bias.shape[0]
         self.latent = weights.dynamics_norm.shape[1]
         self.buffers = new_buffers(weights, 0)
+
+    def begin(self, observation: Array32) -> Beginning:
+        """What observations [B, F] look like."""
+        latent = self.represent(observation)
+        return Beginning(latent, *self.predict(latent))
 
     def represent(self, observation: Array32) -> Array32:
         """Latent [B, L] of observations [B, F]."""
@@ -105,6 +116,24 @@ class NumpyModel:
         if len(self.buffers.none) != batch:
             self.buffers = new_buffers(self.weights, batch)
         return self.buffers
+
+
+class MirroredModel(NumpyModel):
+    """A model that looks at the start of a search twice, once with port and starboard exchanged.
+
+    Of what both say of policy and value it takes the mean: the physics knows no side, a network does.
+    """
+
+    def __init__(self, weights: Weights, discount: float, scan: Scan | None, mirror: Mirror) -> None:
+        """Take what a NumpyModel takes, and how the task is mirrored."""
+        super().__init__(weights, discount, scan)
+        self._mirror = mirror
+
+    def begin(self, observation: Array32) -> Beginning:
+        """What observations [B, F] look like; the latent is that of the scene as it is."""
+        as_is, mirrored = super().begin(observation), super().begin(self._mirror.features(observation))
+        logits = 0.5 * (as_is.logits + mirrored.logits[:, self._mirror.action])
+        return Beginning(as_is.latent, logits, 0.5 * (as_is.value + mirrored.value))
 
 
 def numpy_model(state: Mapping[str, AnyArray], speeds: int, discount: float) -> NumpyModel:

@@ -14,7 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from portnav_ros.muzero import ModelError
-from portnav_ros.muzero.inference import SCAN_KERNEL, NumpyModel, Scan, scan_of, weights_of
+from portnav_ros.muzero.inference import (
+    SCAN_KERNEL,
+    MirroredModel,
+    NumpyModel,
+    Scan,
+    scan_of,
+    weights_of,
+)
 from portnav_ros.muzero.layers import Weights
 from portnav_ros.muzero.model_file import Card, Model, check_sensor, check_vessel, load_model
 from portnav_ros.muzero.rollout import predicted_track
@@ -22,6 +29,7 @@ from portnav_ros.muzero.search import Search, SearchParams
 from portnav_ros.params import ParamError, override
 from portnav_ros.sim.scenario import LidarParams
 from portnav_ros.task.agent import AgentPolicy
+from portnav_ros.task.mirror import mirror_of
 from portnav_ros.task.policy import Observation
 from portnav_ros.types import AnyArray, Array, Array32, BoolArray, IntArray
 from portnav_ros.vessel import VesselParams
@@ -66,6 +74,9 @@ def load_policy(
 class MuZeroPolicy:
     """Plans with a model's networks from what its agent sees; always takes the best action.
 
+    It decides anew at every call, also where an action of the model stands for several seconds: what it
+    sees next may change its mind.
+
     decision: the last one, of whichever vessel; None after a reset. misfit: what the model does not fit.
     """
 
@@ -83,9 +94,10 @@ class MuZeroPolicy:
         self.model = model
         self.misfit = misfit
         self.decision: Decision | None = None
-        self._networks = NumpyModel(_weights(model), card.discount, scan_of(model.tensors))
+        self._networks = _networks(model)
         self._search = _search(model, self._networks, simulations)
-        self._agent = AgentPolicy(card.task.observation, card.task.actions, lidar, self._decide)
+        actions = replace(card.task.actions, hold=1)
+        self._agent = AgentPolicy(card.task.observation, actions, lidar, self._decide)
         self._random = np.random.default_rng(0)
 
     @property
@@ -129,10 +141,20 @@ class MuZeroPolicy:
 
 
 def _prior_decision(networks: NumpyModel, features: Array32) -> Decision:
-    logits, value = networks.predict(networks.represent(features))
+    _, logits, value = networks.begin(features)
     weights = np.exp(logits[0] - logits[0].max())
     prior = weights / weights.sum()
     return Decision(float(value[0]), np.zeros(len(prior), np.int64), prior, np.array([prior.argmax()]))
+
+
+def _networks(model: Model) -> NumpyModel:
+    """The networks, that look at a scene and its mirror image where the task has one."""
+    card, weights, scan = model.card, _weights(model), scan_of(model.tensors)
+    try:
+        mirror = mirror_of(card.task.observation, card.task.actions)
+    except ParamError:
+        return NumpyModel(weights, card.discount, scan)
+    return MirroredModel(weights, card.discount, scan, mirror)
 
 
 def _search(model: Model, networks: NumpyModel, simulations: int | None) -> Search | None:

@@ -190,8 +190,7 @@ class Search:
         root: Root,
     ) -> None:
         """Plant the roots: masked prior, noise, and the schedule of sequential halving."""
-        latent = model.represent(observation)
-        logits, value = model.predict(latent)
+        latent, logits, value = model.begin(observation)
         allowed = np.ones(logits.shape, bool) if valid is None else valid
         root.valid[:, : self.actions] = allowed
         root.prior[:, : self.actions] = masked_softmax(logits, allowed)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from portnav_ros.muzero.atoms import AtomParams
+from portnav_ros.muzero.inference import Beginning
 from portnav_ros.muzero.networks import Network, NetworkParams
 from portnav_ros.muzero.tree import Step
 from portnav_ros.types import AnyArray, Array32
@@ -21,6 +22,11 @@ class TorchModel:
         """Take networks, and the discount of one decision."""
         self.network = network
         self.discount = discount
+
+    def begin(self, observation: Array32) -> Beginning:
+        """What observations [B, F] look like."""
+        latent = self.represent(observation)
+        return Beginning(latent, *self.predict(latent))
 
     def represent(self, observation: Array32) -> Array32:
         """Latent [B, L] of observations [B, F]."""

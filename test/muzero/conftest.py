@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from portnav_ros.evaluation.benchmark_search_contender import random_state
+from portnav_ros.muzero.inference import Beginning
 from portnav_ros.muzero.tree import Step
 
 
@@ -25,8 +26,8 @@ class TabularModel:
             following=rng.integers(0, states, shape),
         )
 
-    def represent(self, observation):
-        return observation
+    def begin(self, observation):
+        return Beginning(observation, *self.predict(observation))
 
     def predict(self, latent):
         state = latent[:, 0].astype(int)

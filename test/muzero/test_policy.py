@@ -17,6 +17,7 @@ from portnav_ros.sim.scenario_files import load_scenario
 from portnav_ros.sim.world import World
 from portnav_ros.task.actions import ActionParams
 from portnav_ros.task.env import TaskParams
+from portnav_ros.task.mirror import mirror_of
 from portnav_ros.task.observation import ObservationParams, Observer
 from portnav_ros.vessel import VesselParams
 
@@ -194,3 +195,26 @@ def test_a_trained_network_sails(path, scenarios, tmp_path):
         logits = network.predict(network.represent(torch.from_numpy(seen[0]))).policy
     assert policy.decision.best[0] == int(logits.argmax())
     np.testing.assert_allclose(policy.decision.prior, torch.softmax(logits[0], 0).numpy(), atol=1e-5)
+
+
+def test_it_decides_anew_at_every_call(path, scenarios):
+    policy, calls = load(path), []
+    decide = policy._agent._decide
+    policy._agent._decide = lambda features: calls.append(len(features)) or decide(features)
+    sail(policy, scenarios, periods=3)
+    assert calls == [3, 3, 3]
+
+
+def test_a_mirrored_scene_gets_the_mirrored_decision(make_model):
+    task = TaskParams(ObservationParams(layout='aligned', ages=(0, 2), sectors=60), ActionParams(hold=2))
+    policy = load(make_model(task), simulations=0)
+    mirror = mirror_of(task.observation, task.actions)
+    features = np.random.default_rng(5).standard_normal((1, task.observation.size)).astype(np.float32)
+    decisions = []
+    for scene in (features, mirror.features(features)):
+        policy._decide(scene)
+        decisions.append(policy.decision)
+    as_is, mirrored = decisions
+    np.testing.assert_allclose(as_is.prior, mirrored.prior[mirror.action], rtol=1e-5)
+    assert np.ptp(as_is.prior) > 1e-3
+    assert as_is.value == pytest.approx(mirrored.value)

@@ -71,7 +71,7 @@ def test_rows_are_independent(rule, tabular):
 def test_the_compiled_loop_is_the_stages(rule, network_state):
     """65 rows: more than go through the compiled loop at once; the results of the rows before stay."""
     model = NumpyModel(weights_of(network_state(rng(3)), 3), 0.95)
-    stages = SimpleNamespace(represent=model.represent, predict=model.predict, step=model.step)
+    stages = SimpleNamespace(begin=model.begin, step=model.step)
     observation = rng(4).standard_normal((65, 20)).astype(np.float32)
     search = Search(SearchParams(simulations=12, rule=rule, **QUIET), 70, 27, 16)
     compiled, plain = (search.run(each, observation, rng()) for each in (model, stages))
