@@ -23,7 +23,6 @@ from rclpy.experimental import EventsExecutor
 from rclpy.lifecycle import LifecyclePublisher, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
@@ -32,7 +31,7 @@ from portnav_ros.muzero import ModelError
 from portnav_ros.nodes import status_pipe
 from portnav_ros.nodes.ends import Mismatches
 from portnav_ros.nodes.lifecycle import ManagedNode
-from portnav_ros.nodes.messages import MessageError, peek_stamp, read_stamp, status_message
+from portnav_ros.nodes.messages import MessageError, peek_stamp, read_bytes, read_stamp, status_message
 from portnav_ros.nodes.parameters import NodeParams, declare
 from portnav_ros.nodes.topics import TOPICS, asked_qos, offered_qos
 from portnav_ros.nodes.vitals import NO_PERIOD, NO_STAMP, Vitals
@@ -134,13 +133,14 @@ class PortNode(ManagedNode, Generic[P]):
         def take(message: Any) -> None:
             if not (self.active or always):
                 return
-            begin_s, stamp_ns = time.monotonic(), stamp_of(message)
-            self.vitals.hear(topic, begin_s, stamp_ns)
+            begin_s = time.monotonic()
             try:
+                stamp_ns = stamp_of(message)
+                self.vitals.hear(topic, begin_s, stamp_ns)
                 if unwanted is None:
                     callback(message)
                 elif not unwanted(stamp_ns):
-                    callback(deserialize_message(message, row.type))
+                    callback(read_bytes(message, row.type))
             except MessageError as error:
                 self.refuse(topic, str(error))
             self.vitals.spend(topic, time.monotonic() - begin_s)
@@ -172,6 +172,11 @@ class PortNode(ManagedNode, Generic[P]):
 
     def _every(self, period_s: float, callback: Callable[[], None]) -> None:
         self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def publishers_of(self, subscription: Subscription) -> list[str]:
+        """Return the names of the nodes that publish to a subscription, as far as they are known."""
+        ends = self.get_publishers_info_by_topic(subscription.topic)
+        return [f'{end.node_namespace.rstrip("/")}/{end.node_name}' for end in ends]
 
     def refuse(self, topic: str, reason: str) -> None:
         """Count a message that cannot be used; the first of each kind is logged."""
