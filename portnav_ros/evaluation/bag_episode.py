@@ -30,6 +30,9 @@ _OWN_KEYS = {SEED, SCENARIO, DIFFICULTY, PLANNER, GOAL, GOAL_RADIUS, VESSEL, HUL
 def read_episode(path: Path) -> EpisodeLog:
     """Read a bag that `portnav up` or `portnav demo` has recorded.
 
+    Where no sim judged the episode, the goal is the end of the last plan, and a vessel that ends within the
+    goal's radius has reached it.
+
     Args:
         path: the bag's folder or the folder that holds ``bag/``.
 
@@ -49,18 +52,23 @@ def read_episode(path: Path) -> EpisodeLog:
     if joints is not None:
         own[:, 5:7] = joints
     setpoint = _joined(topics.get('setpoint', []), _setpoint, stamps)
-    scans = topics.get('scan', [])
+    scans, plan, facts = topics.get('scan', []), _plan(bag, topics.get('plan', [])), _facts(bag)
+    outcome = _outcome(topics.get('episode', []))
+    if not topics.get('episode'):
+        facts['goal'] = tuple(plan[-1].tolist())
+        there = math.dist(own[-1, :2], plan[-1]) <= facts['goal_radius_m']
+        outcome = Outcome.SUCCESS if there else Outcome.RUNNING
     return EpisodeLog(
         time_s=time_s,
         own=own,
         setpoint=np.column_stack((own[:, 2], own[:, 3])) if setpoint is None else setpoint,
-        path=_plan(bag, topics.get('plan', [])),
-        outcome=_outcome(topics.get('episode', [])),
+        path=plan,
+        outcome=outcome,
         command=_joined(topics.get('cmd_actuators', []), _joints, stamps),
         range_min=_range_min(scans, stamps),
         targets=_targets(bag, topics.get('targets', [])),
         scans=_scan_log(scans),
-        **_facts(bag),
+        **facts,
     )
 
 

@@ -166,3 +166,13 @@ def test_an_unfinished_recording_says_so(tmp_path):
     log = read_episode(tmp_path)
     assert log.outcome is Outcome.RUNNING
     assert 'cut off' in log.metadata[LOST]
+
+
+@pytest.mark.parametrize(('end_x_m', 'outcome'), [(61.0, Outcome.SUCCESS), (59.0, Outcome.RUNNING)])
+def test_without_a_sim_the_plan_tells_the_goal(tmp_path, end_x_m, outcome):
+    others = [row for row in rows() if row[1] != 'episode']
+    end = 2.0, 'odom', odometry(2.0, x=end_x_m)
+    record(tmp_path, [*others, end], METADATA | {'goal': '[-5.0, -5.0]'})
+    log = read_episode(tmp_path)
+    assert log.goal == (100.0, 0.0)
+    assert log.outcome is outcome
