@@ -193,6 +193,7 @@ class LifecycleManager:
     def close(self) -> None:
         """Leave the ROS graph."""
         self._executor.remove_node(self._node)
+        self._executor.shutdown()  # it holds the node's callbacks, which Python cannot collect
         self._node.destroy_node()
         self._context.try_shutdown()
 

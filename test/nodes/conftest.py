@@ -108,6 +108,7 @@ class Graph:
     def close(self):
         for node in list(self.nodes):
             self.remove(node)
+        self.executor.shutdown()
         self.context.try_shutdown()
 
     def _take(self, node):

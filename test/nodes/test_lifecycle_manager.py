@@ -1,5 +1,7 @@
 """The manager: what it asks of whom, in which order, and what it does where no answer comes."""
 
+import gc
+import weakref
 from itertools import pairwise
 
 import pytest
@@ -152,3 +154,13 @@ def test_where_no_answer_comes_the_state_is_read_again(managed, monkeypatch):
     managed.graph._take(node)
     managed.until(lambda: not managed.manager.behind(managed.pids), 'the state that was read')
     assert managed.story[8:] == [('driver', 'deactivate')]
+
+
+def test_a_manager_that_was_closed_can_be_collected():
+    manager = LifecycleManager(NAMES)
+    manager.step({}, 0.001)
+    manager.close()
+    left = weakref.ref(manager)
+    del manager
+    gc.collect()
+    assert left() is None, 'with it stay threads and memory of the middleware'
