@@ -188,11 +188,8 @@ def _parameters(
         'vessel': dataclasses.asdict(scenario.vessel),
         'autopilot': dataclasses.asdict(scenario.autopilot),
     }
-    sensing = {
-        **vessel,
-        'lidar': dataclasses.asdict(scenario.lidar),
-        'goal_radius_m': scenario.goal_radius_m,
-    }
+    sensing = {**vessel, 'lidar': dataclasses.asdict(scenario.lidar)}
+    pace = {'rate': options.rate}
     route = load_difficulty(options.difficulty).path
     own: Configuration = {
         'sim': {
@@ -206,9 +203,9 @@ def _parameters(
             'hull_clearance_m': route.least_m,
             'rrt_star': {'comfort_m': route.comfort_m},
         },
-        f'{options.planner}{PLANNER_SUFFIX}': sensing,
-        'safety_monitor': {**vessel, 'lidar': dataclasses.asdict(scenario.lidar)},
-        'pid_controller': vessel,
+        f'{options.planner}{PLANNER_SUFFIX}': {**sensing, **pace, 'goal_radius_m': scenario.goal_radius_m},
+        'safety_monitor': {**sensing, **pace},
+        'pid_controller': {**vessel, **pace},
         RECORDER: {
             'bag': str((out / BAG).resolve()),
             'storage': options.storage,
