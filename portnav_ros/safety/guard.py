@@ -131,6 +131,8 @@ class Guard:
         time_s = self._ages.now_ns(steady_s) / SECOND_NS
         now = Situation(time_s, float(self._own[YAW]), self._setpoint, reason, limit_mps)
         self._release, setpoint, why = decide(self._setpoints, self._release, now)
+        if not self.ready:
+            self._release = self._release._replace(stop_yaw_rad=None)  # there was no heading to keep yet
         return Decision(setpoint, why)
 
     def _room_mps(self) -> float:

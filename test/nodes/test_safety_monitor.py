@@ -270,3 +270,9 @@ def test_the_way_of_a_stop_is_drawn_for_who_listens(graph, stack):
         math.hypot(marker.points[-1].x, marker.points[-1].y), rel=0.01
     )
     assert marker.points[-1].x > 10.0
+
+
+def test_a_stop_from_before_the_first_odometry_keeps_the_heading_found_then(stack):
+    stack.node._watch()
+    stack.moment(SECOND_NS, yaw=2.0)
+    assert stack.stopped('no setpoint_raw yet').yaw_rad == pytest.approx(2.0)
