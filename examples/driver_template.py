@@ -21,12 +21,12 @@ from std_srvs.srv import SetBool
 
 PERIOD_S = 0.05  # odometry and feedback at 20 Hz, scan at 10 Hz, diagnostics at 1 Hz
 NEUTRAL_S = 1.0  # commands older than this are worth nothing
-RAYS, RANGE_MIN_M, RANGE_MAX_M = 180, 0.5, 400.0  # FILL IN: as `lidar` of your difficulty says
+RAYS, RANGE_MIN_M, RANGE_MAX_M = 180, 0.5, 150.0  # FILL IN: as `lidar` of your difficulty says
 JOINTS = ['rudder', 'propulsion']
 
 
 class Vessel:
-    """FILL IN: your rudder, engine, position and lidar. This one: a hull of 5 m in a basin of 800 m."""
+    """FILL IN: your rudder, engine, position and lidar. This one: a hull of 5 m in a basin of 240 m."""
 
     def __init__(self):
         self.x, self.y, self.yaw, self.surge, self.yaw_rate = 0.0, 0.0, 0.5, 0.0, 0.0
@@ -52,7 +52,7 @@ class Vessel:
         angles = self.yaw - math.pi + 2.0 * math.pi / RAYS * np.arange(RAYS)
         cosine, sine = np.cos(angles) + 1e-12, np.sin(angles) + 1e-12
         to_wall = np.minimum(
-            (np.copysign(400.0, cosine) - self.x) / cosine, (np.copysign(400.0, sine) - self.y) / sine
+            (np.copysign(120.0, cosine) - self.x) / cosine, (np.copysign(120.0, sine) - self.y) / sine
         )
         return np.where(to_wall < RANGE_MAX_M, to_wall, np.inf).astype(np.float32)
 

@@ -20,7 +20,7 @@ MASS_KG, INERTIA_KGM2 = 180.0, 446.0
 SURGE_DRAG, SURGE_DRAG_2, YAW_DRAG = 51.3, 72.4, 400.0  # N s/m, N s^2/m^2, N m s
 PODS_M = {'left': (-2.37, 1.03), 'right': (-2.37, -1.03)}
 SAMPLES, RANGE_MIN_M, RANGE_MAX_M, LIDAR_X_M = 720, 0.1, 130.0, 0.7
-HALF_BASIN_M = 400.0
+HALF_BASIN_M = 120.0
 
 
 class VrxStandIn(Node):
@@ -29,7 +29,7 @@ class VrxStandIn(Node):
     def __init__(self, **options):
         super().__init__('vrx_stand_in', **options)
         self.ticks, self.surge, self.yaw_rate = 0, 0.0, 0.0
-        self.x, self.y, self.yaw = 300.0, 300.0, -2.6
+        self.x, self.y, self.yaw = 60.0, 60.0, -2.6
         self.thrust, self.angle = dict.fromkeys(PODS_M, 0.0), dict.fromkeys(PODS_M, 0.0)
         self.odometry = self.create_publisher(Odometry, 'wamv/sensors/position/ground_truth_odometry', 10)
         self.scan = self.create_publisher(LaserScan, 'wamv/sensors/lidars/lidar_wamv_sensor/scan', 5)

@@ -75,7 +75,7 @@ class Spin:
 def check(graph, driver_class, move=False, interrupt=None, **options):
     driver = graph.build(lambda **given: driver_class(**given, **options))
     probe = graph.build(lambda **given: DriverProbe(**given, **options))
-    expected = Expected(load_vessel('workboat'), LidarParams())
+    expected = Expected(load_vessel('workboat'), LidarParams(range_max_m=150.0))
     spin = Spin(graph, probe, driver, interrupt)
     said = []
     try:

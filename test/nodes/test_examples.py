@@ -44,7 +44,7 @@ def command(time_ns, rudder_rad, thrust_n):
     return message
 
 
-@pytest.mark.parametrize(('name', 'length_m', 'range_m'), [('workboat', 5.0, 400.0), ('vrx', 4.9, 130.0)])
+@pytest.mark.parametrize(('name', 'length_m', 'range_m'), [('workboat', 5.0, 150.0), ('vrx', 4.9, 130.0)])
 def test_the_files_of_the_examples_can_be_read(name, length_m, range_m, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     difficulty = load_difficulty(EXAMPLES / f'{name}.yaml')
@@ -58,14 +58,13 @@ def test_the_template_lives_in_the_basin_of_the_chart():
     harbour = read_chart(EXAMPLES / 'basin.geojson')
     grid = harbour.clearance(2.0, 'charted')
     vessel = template.Vessel()
-    nearest_m = float(np.min(vessel.sweep()))
-    assert math.isinf(nearest_m)
-    vessel.x, vessel.y = 150.0, -350.0
+    assert np.isfinite(vessel.sweep()).sum() > 100
+    vessel.x, vessel.y = 50.0, -90.0
     middle = round((vessel.y - grid.y0_m) / 2.0), round((vessel.x - grid.x0_m) / 2.0)
     assert float(np.min(vessel.sweep())) == pytest.approx(float(grid.distance[middle]), abs=4.0)
     astern = template.Vessel()
-    astern.x, astern.yaw = -300.0, 0.0
-    assert float(astern.sweep()[0]) == pytest.approx(100.0)
+    astern.x, astern.yaw = -100.0, 0.0
+    assert float(astern.sweep()[0]) == pytest.approx(20.0)
 
 
 @pytest.mark.parametrize('node_class', [template.Driver, adapter.VrxAdapter])
