@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import array
 import math
-import struct
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -29,7 +28,6 @@ SECOND_NS = 1_000_000_000
 JOINTS = ['rudder', 'propulsion']
 OCCUPIED = 100
 UNKNOWN_VARIANCE = 1e6  # m^2, rad^2 and their rates
-CDR_PREAMBLE = 4  # bytes before the first field; the second tells the byte order
 
 
 class MessageError(ValueError):
@@ -44,12 +42,6 @@ def write_stamp(stamp: Time, time_ns: int) -> None:
 def read_stamp(stamp: Time) -> int:
     """Return a stamp in ns."""
     return int(stamp.sec) * SECOND_NS + int(stamp.nanosec)
-
-
-def peek_stamp(data: bytes) -> int:
-    """Return the stamp in ns of a serialised message that begins with a header."""
-    seconds, nanosec = struct.unpack_from('<iI' if data[1] else '>iI', data, CDR_PREAMBLE)
-    return int(seconds) * SECOND_NS + int(nanosec)
 
 
 def nanoseconds(time_s: float) -> int:

@@ -5,6 +5,7 @@ States and transitions are in lifecycle.py.
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 import time
@@ -31,8 +32,9 @@ from portnav_ros.muzero import ModelError
 from portnav_ros.nodes import status_pipe
 from portnav_ros.nodes.ends import Mismatches
 from portnav_ros.nodes.lifecycle import ManagedNode
-from portnav_ros.nodes.messages import MessageError, peek_stamp, read_bytes, read_stamp, status_message
+from portnav_ros.nodes.messages import MessageError, read_stamp, status_message
 from portnav_ros.nodes.parameters import NodeParams, declare
+from portnav_ros.nodes.serialised import peek_stamp, read_bytes
 from portnav_ros.nodes.topics import TOPICS, asked_qos, offered_qos
 from portnav_ros.nodes.vitals import NO_PERIOD, NO_STAMP, Vitals
 from portnav_ros.params import ParamError
@@ -43,6 +45,7 @@ P = TypeVar('P', bound=NodeParams)
 DIAGNOSTICS_PERIOD_S = 1.0
 SPIN_S = 0.1  # a signal is seen this late at most
 FLUSH_S = 2.0
+LOG_S = 1.0
 
 
 class Exit(IntEnum):
@@ -84,6 +87,7 @@ class PortNode(ManagedNode, Generic[P]):
         self.lock_step = bool(getattr(self.params, 'lock_step', False))
         self.exit_code = Exit.OK
         self.vitals = Vitals()
+        self._refused_s: dict[str, float] = {}  # when it was logged last
         self._mismatches = Mismatches(self)
         self._diagnostics = self._publisher('diagnostics', self.create_publisher)
         self._every(DIAGNOSTICS_PERIOD_S, self.report_health)
@@ -179,8 +183,10 @@ class PortNode(ManagedNode, Generic[P]):
         return [f'{end.node_namespace.rstrip("/")}/{end.node_name}' for end in ends]
 
     def refuse(self, topic: str, reason: str) -> None:
-        """Count a message that cannot be used; the first of each kind is logged."""
-        if self.vitals.reasons.get(topic) != reason:
+        """Count a message that cannot be used; a new reason is logged, at most one a second of each topic."""
+        now_s = time.monotonic()
+        if self.vitals.reasons.get(topic) != reason and now_s - self._refused_s.get(topic, -math.inf) > LOG_S:
+            self._refused_s[topic] = now_s
             self.get_logger().warning(f'{topic}: message refused: {reason}')
         self.vitals.refuse(topic, reason)
 

@@ -13,6 +13,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from portnav_ros.harbour import ClearanceGrid
 from portnav_ros.nodes import markers, messages
 from portnav_ros.nodes.messages import MessageError
+from portnav_ros.nodes.serialised import peek_stamp
 from portnav_ros.sim.scenario import LidarParams
 from portnav_ros.types import Actuation, Setpoint, VesselState
 
@@ -39,7 +40,7 @@ def odometry(state=STATE, time_ns=0):
 def test_odometry(time_ns, x, y, yaw, surge, rate):
     message = travel(odometry(VesselState(x, y, yaw, surge, rate), time_ns))
     assert messages.read_stamp(message.header.stamp) == time_ns
-    assert messages.peek_stamp(serialize_message(message)) == time_ns
+    assert peek_stamp(serialize_message(message)) == time_ns
     assert (message.header.frame_id, message.child_frame_id) == ('map', 'base_link')
     back = messages.read_odometry(message)
     assert (back.x_m, back.y_m, back.surge_mps, back.yaw_rate_radps) == (x, y, surge, rate)
