@@ -6,6 +6,7 @@ import shutil
 import sqlite3
 import struct
 import tempfile
+from collections import Counter
 from collections.abc import Callable
 from contextlib import closing, suppress
 from pathlib import Path
@@ -49,14 +50,15 @@ def read_bag(path: Path) -> Bag:
     file = _storage_file(path)
     metadata, lost = _read_metadata(file.parent)
     try:
-        return Bag(file.parent, _read_messages(file), metadata, lost)
+        messages, unreadable = _read_messages(file)
+        return Bag(file.parent, messages, metadata, '; '.join(filter(None, (lost, unreadable))))
     except (AnyReaderError, sqlite3.Error, OSError, ValueError, struct.error) as error:
         reason = f'{file.name} is damaged ({error})'
     with tempfile.TemporaryDirectory() as folder:
         mended = Path(folder) / file.name
         try:
             _MENDERS[file.suffix](file, mended)
-            messages = _read_messages(mended)
+            messages, _ = _read_messages(mended)
         except (AnyReaderError, sqlite3.Error, OSError, ValueError, struct.error) as error:
             raise BagError(f'{file}: nothing can be read ({error}); record the run again') from error
     return Bag(file.parent, messages, metadata, f'{reason}; what could be read of it ends early')
@@ -84,14 +86,21 @@ def _read_metadata(folder: Path) -> tuple[dict[str, str], str]:
     return metadata, ''
 
 
-def _read_messages(file: Path) -> dict[str, list[tuple[int, Any]]]:
+def _read_messages(file: Path) -> tuple[dict[str, list[tuple[int, Any]]], str]:
+    """Messages by topic, and how many were recorded as they came but are none."""
     if file.with_name(file.name + '-journal').exists():
         raise ValueError('a write was under way when the recorder died')
+    unreadable: Counter[str] = Counter()
     with AnyReader([file]) as reader:
         messages: dict[str, list[tuple[int, Any]]] = {item.topic: [] for item in reader.connections}
         for connection, stamp, data in reader.messages():
-            messages[connection.topic].append((stamp, reader.deserialize(data, connection.msgtype)))
-    return messages
+            try:
+                message = reader.deserialize(data, connection.msgtype)
+            except (AnyReaderError, UnicodeDecodeError):
+                unreadable[connection.topic] += 1
+            else:
+                messages[connection.topic].append((stamp, message))
+    return messages, ', '.join(f'{count} unreadable on {topic}' for topic, count in unreadable.items())
 
 
 def _mend_sqlite(source: Path, target: Path) -> None:

@@ -9,6 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from rosbags.serde import SerdeError
+
 from portnav_ros.evaluation.bag_writer import TYPES, BagError, BagWriter, Storage
 
 STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticStatus'
@@ -99,7 +101,11 @@ class Recording:
         self._bag.checkpoint()
 
     def push(self, topic: int, data: bytes) -> int:
-        """Take in a serialised message; returns its stamp in ns."""
+        """Take in a serialised message; returns its stamp in ns.
+
+        Raises:
+            BagError: it is cut off or has no stamp that can be; it is not recorded.
+        """
         stamp = stamp_ns(self._topics[topic].message_type, data)
         if topic == 0:
             self._newest_ns = max(self._newest_ns, stamp)
@@ -158,9 +164,19 @@ def stamp_ns(message_type: str, data: bytes) -> int:
 
     A type that starts with a header has it there; a DiagnosticStatus says it in its values, or is filed
     under 0, the start of the run.
+
+    Raises:
+        BagError: it is cut off or has no stamp that can be.
     """
-    if message_type == STATUS_TYPE:
-        status: Any = TYPES.deserialize_cdr(data, message_type)
-        return next((int(pair.value) for pair in status.values if pair.key == STAMP_KEY), 0)
-    seconds, nanoseconds = struct.unpack_from('<iI' if data[1] else '>iI', data, 4)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+    try:
+        if message_type == STATUS_TYPE:
+            status: Any = TYPES.deserialize_cdr(data, message_type)
+            stamp = next((int(pair.value) for pair in status.values if pair.key == STAMP_KEY), 0)
+        else:
+            seconds, nanoseconds = struct.unpack_from('<iI' if data[1] else '>iI', data, 4)
+            stamp = int(seconds) * 1_000_000_000 + int(nanoseconds)
+    except (SerdeError, ValueError, IndexError, struct.error) as error:
+        raise BagError(f'{len(data)} bytes are no {message_type} with a stamp') from error
+    if abs(stamp) >= END_NS:
+        raise BagError(f'{message_type} is stamped {stamp} ns')
+    return stamp

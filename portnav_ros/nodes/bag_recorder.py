@@ -166,7 +166,11 @@ class BagRecorder(PortNode[RecorderParams]):
         return taken
 
     def _take(self, number: int, data: bytes) -> None:
-        stamp = self._recording.push(number, data)
+        try:
+            stamp = self._recording.push(number, data)
+        except BagError as error:
+            self.refuse(self._names[number], str(error))
+            return
         self.vitals.hear(self._names[number], time.monotonic(), stamp)
         if number in self._slack_ns:
             self._complete_ns[number] = stamp + self._slack_ns[number]
