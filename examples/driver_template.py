@@ -163,7 +163,7 @@ def main():
     driver.create_timer(PERIOD_S, driver.tick)
     try:
         rclpy.spin(driver)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt:  # the timer lets it be heard
         driver.vessel.drive(0.0, 0.0)
 
 

@@ -136,7 +136,10 @@ def main():
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     adapter = VrxAdapter()
     try:
-        rclpy.spin(adapter)
+        while True:
+            rclpy.spin_once(
+                adapter, timeout_sec=0.1
+            )  # an end to each wait, so that Ctrl-C is heard in silence
     except KeyboardInterrupt:
         adapter.enabled = False
         adapter.drive()

@@ -1,4 +1,4 @@
-"""Every example runs: the driver's template, VRX's adapter on its stand-in, the goal sender; their files."""
+"""Every example runs: the driver's template, VRX's adapter on its stand-in, the tools, and their files."""
 
 import importlib.util
 import math
@@ -16,7 +16,8 @@ from portnav_ros.evaluation.driver.moves import NAMES
 from portnav_ros.evaluation.driver.record import Expected
 from portnav_ros.nodes.check_driver import examine
 from portnav_ros.nodes.driver_probe import DriverProbe
-from portnav_ros.nodes.messages import fill_joints, new_joints, path_message, read_pose
+from portnav_ros.nodes.messages import fill_joints, new_joints, new_odometry, path_message, read_pose
+from portnav_ros.nodes.safety_monitor import SafetyMonitor
 from portnav_ros.sim.difficulty import load_difficulty, load_vessel
 from portnav_ros.sim.generator import find_scenario
 from portnav_ros.types import Actuation
@@ -33,9 +34,8 @@ def load(name):
     return module
 
 
-template, adapter, stand_in, sender = map(
-    load, ('driver_template', 'vrx_adapter', 'vrx_stand_in', 'send_goal')
-)
+template, adapter, stand_in = map(load, ('driver_template', 'vrx_adapter', 'vrx_stand_in'))
+sender, switches = map(load, ('send_goal', 'emergency_stop'))
 
 
 def command(time_ns, rudder_rad, thrust_n):
@@ -157,3 +157,15 @@ def test_a_goal_is_sent_until_a_plan_ends_there(graph):
     graph.publish('plan', path_message(np.array([[0.0, 0.0], [15.0, 20.0], [30.0, 40.0]]), 0))
     graph.until(answer.done)
     assert answer.result() == 3
+
+
+def test_the_switch_stops_until_it_says_go(graph):
+    switch = switches.Switch(graph.other)
+    assert [switch.order(line) for line in ('\n', 'go\n', 'no\n')] == ['STOP', 'go', 'STOP']
+    graph.add(SafetyMonitor)
+    graph.listen('safety_state')
+    graph.publish('odom', new_odometry())
+    assert graph.last('safety_state').message == 'stop: emergency stop'
+    switch.order('go')
+    graph.publish('odom', new_odometry())
+    graph.last('safety_state', lambda state: 'emergency' not in state.message)
