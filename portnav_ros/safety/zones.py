@@ -27,6 +27,7 @@ from portnav_ros.vessel import VesselModel, VesselParams, move_actuators, move_h
 
 DT_S = 0.25
 AT_REST_MPS = 0.05
+SHARE_OF_GAP = 0.9
 STEPS = 3600  # at most, so that a vessel without astern thrust comes to an end, too
 
 
@@ -34,9 +35,9 @@ STEPS = 3600  # at most, so that a vessel without astern thrust comes to an end,
 class ZoneParams:
     """The zone about the hull.
 
-    margin_m: about the hull, that returns must stay out of. reaction_s: sailed on before braking.
-    steerage_mps: least speed at which the rudder works; below it there is only the stop. speeds: tried
-    between the speed asked for and steerage.
+    margin_m: about the hull, that returns must stay out of; most of the present gap where that is less.
+    reaction_s: sailed on before braking. steerage_mps: least speed at which the rudder works; below it
+    there is only the stop. speeds: tried between the speed asked for and steerage.
     """
 
     margin_m: float = 3.0
@@ -75,14 +76,14 @@ class Zone:
         """Return the highest speed that leaves room for a stop: infinite for the setpoint's own, 0 for none.
 
         Args:
-            own: [7] state row, of which heading and yaw rate are used.
+            own: [7] state row, of which heading, surge and yaw rate are used.
             setpoint: heading in rad (map) and speed in m/s asked for.
             points: [N, 2] returns in the body frame in m.
         """
-        margins = _margins(self._model, points, self._params.margin_m)
+        margin = _margin(self._model, points, self._params.margin_m)
         for speed_mps in self._speeds(setpoint.speed_mps):
             track = self._stop(own, setpoint.yaw_rad, speed_mps)
-            if not _meets(self._model, track, points, margins):
+            if not _meets(self._model, track, points, margin):
                 return math.inf if speed_mps == setpoint.speed_mps else speed_mps
         return 0.0
 
@@ -103,7 +104,8 @@ class Zone:
     def _stop(self, own: Array, yaw_rad: float, speed_mps: float) -> Array:
         """Poses [T, 3] of a stop in the present body frame."""
         turn, reaction = yaw_rad - own[YAW], self._params.reaction_s
-        count = _rehearse(self._gains, self._model, own[YAW_RATE], turn, speed_mps, reaction, self._track)
+        yaw_rate = own[YAW_RATE] * min(speed_mps / max(own[SURGE], 1e-3), 1.0)  # slower, it turns as tightly
+        count = _rehearse(self._gains, self._model, yaw_rate, turn, speed_mps, reaction, self._track)
         return self._track[:count]
 
 
@@ -141,27 +143,30 @@ def _rehearse(
 
 
 @njit(cache=True)
-def _margins(model: VesselModel, points: Array, margin_m: float) -> Array:
-    """Margin [N] m of each return: one within it already may come no closer than the hull itself."""
-    margins = np.empty(len(points))
+def _margin(model: VesselModel, points: Array, margin_m: float) -> float:
+    """The margin in m, or most of the present gap where that is narrower: along a quay, or off it."""
+    margin = margin_m
     for k in range(len(points)):
-        along, across = abs(points[k, 0]) - 0.5 * model.length_m, abs(points[k, 1]) - 0.5 * model.beam_m
-        gap = max(along, across)
-        margins[k] = margin_m
-        if gap < margin_m:
-            margins[k] = 0.0 if gap > 0.0 else -math.inf
-    return margins
+        gap = _gap(model, points[k, 0], points[k, 1])
+        if gap > 0.0:
+            margin = min(margin, SHARE_OF_GAP * gap)
+    return margin
 
 
 @njit(cache=True)
-def _meets(model: VesselModel, track: Array, points: Array, margins: Array) -> bool:
-    """Whether the hull, with its margins, meets a return at any of the poses [T, 3]."""
+def _gap(model: VesselModel, x: float, y: float) -> float:
+    """How far a point in the body frame is outside the hull, ahead, astern or abeam; 0 or less inside."""
+    return max(abs(x) - 0.5 * model.length_m, abs(y) - 0.5 * model.beam_m)
+
+
+@njit(cache=True)
+def _meets(model: VesselModel, track: Array, points: Array, margin: float) -> bool:
+    """Whether the hull with a margin in m meets a return at any of the poses [T, 3]; its own do not count."""
     for t in range(len(track)):
         cosine, sine = math.cos(track[t, 2]), math.sin(track[t, 2])
         for k in range(len(points)):
             dx, dy = points[k, 0] - track[t, 0], points[k, 1] - track[t, 1]
-            along = abs(cosine * dx + sine * dy) - 0.5 * model.length_m
-            across = abs(cosine * dy - sine * dx) - 0.5 * model.beam_m
-            if max(along, across) < margins[k]:
+            near = _gap(model, cosine * dx + sine * dy, cosine * dy - sine * dx) < margin
+            if near and _gap(model, points[k, 0], points[k, 1]) > 0.0:
                 return True
     return False
