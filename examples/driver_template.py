@@ -62,7 +62,8 @@ class Driver(Node):
 
     def __init__(self, **options):
         super().__init__('driver', **options)
-        self.vessel, self.enabled, self.refused, self.ticks = Vessel(), True, 0, 0
+        self.enabled = self.declare_parameter('enabled', True).value
+        self.vessel, self.refused, self.ticks = Vessel(), 0, 0
         self.command, self.commanded_ns = (0.0, 0.0), -math.inf
         self.odom = self.create_publisher(Odometry, 'odom', 10)
         self.scan = self.create_publisher(LaserScan, 'scan', 5)

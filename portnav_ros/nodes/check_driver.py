@@ -59,6 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Check a driver; returns 1 if any check failed, else 0."""
     if not (1.0 <= arguments.seconds <= 3600.0 and arguments.room > 0.0):
         raise ParamError('--seconds must lie in [1, 3600], and --room above 0')
+    if arguments.move and arguments.difficulty is None:
+        raise ParamError('--move needs --difficulty: the vessel that it names decides what is gentle')
     expected = _expected(arguments.difficulty)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     signal.signal(signal.SIGTERM, signal.default_int_handler)

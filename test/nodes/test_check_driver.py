@@ -281,7 +281,9 @@ def test_without_a_driver_the_command_fails_and_says_so(monkeypatch, tmp_path, c
     assert found['rudder']['status'] == 'left out'
 
 
-@pytest.mark.parametrize('options', [['--seconds', '0'], ['--room', '-1'], ['--difficulty', 'nowhere']])
+@pytest.mark.parametrize(
+    'options', [['--seconds', '0'], ['--room', '-1'], ['--difficulty', 'nowhere'], ['--move']]
+)
 def test_mistakes_in_the_options(options, capsys):
     assert cli.main(['check-driver', *options]) == 2
     assert 'portnav: error' in capsys.readouterr().err

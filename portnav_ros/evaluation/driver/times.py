@@ -82,7 +82,8 @@ def check_one_clock(record: DriverRecord, _: Expected) -> Finding:
         return Finding('one clock', 'left out', 'needs odom and scan')
     ages_s = [float(np.median(np.subtract(*_times(group)))) for group in (record.odometry, record.scans)]
     apart_s = ages_s[1] - ages_s[0]
-    found = f'the scan lags the odometry by {1e3 * apart_s:.0f} ms'
+    late, early = ('scan', 'odometry') if apart_s >= 0.0 else ('odometry', 'scan')
+    found = f'the {late} lags the {early} by {1e3 * abs(apart_s):.0f} ms'
     if abs(apart_s) > APART_S:
         return Finding('one clock', 'fail', found, 'stamp both by one clock, at the time of the measurement')
     return Finding('one clock', 'ok', found)
