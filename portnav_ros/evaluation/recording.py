@@ -15,7 +15,7 @@ from portnav_ros.evaluation.bag_writer import TYPES, BagError, BagWriter, Storag
 
 STATUS_TYPE = 'diagnostic_msgs/msg/DiagnosticStatus'
 STAMP_KEY = 'stamp'  # ns, in the values of a DiagnosticStatus, which has no header
-CHECKPOINT_NS = 5_000_000_000  # of the messages' own time
+CHECKPOINT_NS = 5_000_000_000  # of the messages' own time, forwards or, after a driver's restart, back
 AHEAD_NS = 10_000_000_000
 END_NS = 1 << 62
 
@@ -93,7 +93,7 @@ class Recording:
         self._order = StampOrder()
         self._margin_ns = margin_ns
         self._newest_ns = 0
-        self._checkpoint_ns = CHECKPOINT_NS
+        self._checkpoint_ns = 0
         self._seen: list[tuple[int, set[bytes]]] = [(-1, set())] * len(topics)
         self._bag = BagWriter(path, storage, metadata)
         for topic in topics:
@@ -148,9 +148,9 @@ class Recording:
         return repeated
 
     def _write(self, item: Filed) -> None:
-        if item.stamp_ns >= self._checkpoint_ns:
+        if abs(item.stamp_ns - self._checkpoint_ns) >= CHECKPOINT_NS:
             self._bag.checkpoint()
-            self._checkpoint_ns = (item.stamp_ns // CHECKPOINT_NS + 1) * CHECKPOINT_NS
+            self._checkpoint_ns = item.stamp_ns // CHECKPOINT_NS * CHECKPOINT_NS
         self._bag.write(item.topic, item.stamp_ns, item.data)
         self.written += 1
 

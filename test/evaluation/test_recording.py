@@ -2,6 +2,7 @@
 
 import itertools
 import random
+import shutil
 
 from portnav_ros.evaluation import bag_writer
 from portnav_ros.evaluation.bag_writer import TYPES, BagError
@@ -142,3 +143,13 @@ def test_stamps_are_found():
     assert stamp_ns(POSE, pose(12_345_678_901)) == 12_345_678_901
     assert stamp_ns(STATUS, status(outcome='SUCCESS', stamp=12_345_678_901)) == 12_345_678_901
     assert stamp_ns(STATUS, status(outcome='SUCCESS')) == 0
+
+
+def test_checkpoints_go_on_when_a_driver_begins_anew(tmp_path):
+    recording = Recording(tmp_path / 'bag', 'sqlite3', TOPICS, {}, 2 * SECOND_NS)
+    for voyage in (range(60), range(20)):
+        for second in voyage:
+            recording.file(recording.push(0, pose(second * SECOND_NS)))
+    shutil.copytree(tmp_path / 'bag', tmp_path / 'killed')
+    recording.close()
+    assert len(read_bag(tmp_path / 'killed').messages['/time']) > 70
