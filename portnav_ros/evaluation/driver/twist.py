@@ -79,7 +79,7 @@ def check_yaw_rate(record: DriverRecord, _: Expected) -> Finding:
             'yaw rate', 'fail', found, 'yaw and yaw rate must tell of one motion: units, signs, delays'
         )
     if np.max(np.abs(turned)) < LEAST_RATE_RADPS:
-        return Finding('yaw rate', 'left out', 'the vessel hardly turned: check in a turn, or with --move')
+        return Finding('yaw rate', 'left out', 'the vessel hardly turned: check in a turn')
     return Finding('yaw rate', 'ok', found)
 
 
