@@ -10,7 +10,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 
 REPEAT_S = 2.0  # a planner that is not active yet does not hear a goal
-PATIENCE_S = 60.0
+PATIENCE_S = 180.0  # the first start of a graph compiles kernels
 
 
 def send(node, x_m, y_m):

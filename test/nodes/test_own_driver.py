@@ -17,7 +17,7 @@ from portnav_ros.nodes.topics import TOPICS, asked_qos
 from portnav_ros.types import Outcome
 
 EXAMPLES = Path(__file__).parents[2] / 'examples'
-DOMAIN, WAIT_S = 64, 120.0
+DOMAIN, WAIT_S = 64, 240.0
 UP = (
     *('-m', 'portnav_ros', 'up', '--without', 'sim', '--planner', 'line_of_sight', '--real-time'),
     *('--chart', str(EXAMPLES / 'basin.geojson'), '--difficulty', str(EXAMPLES / 'workboat.yaml')),
