@@ -14,28 +14,25 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from portnav_ros.evaluation.planners import EvaluationError
+from portnav_ros.evaluation.processes import MODULE, Usage, family, process_name, read_usage
 
 POLL_S = 0.2
 PATIENCE_S = 300.0
 MISS_NOTHING = 'qos_overrides./cmd_actuators.subscription.depth:=50'  # two may come at once
-MODULE = 'portnav_ros'
-CLOCK_TICKS = os.sysconf('SC_CLK_TCK')
 RATE = re.compile(r'(\w+) after ([\d.]+) s, ([\d.]+) times real time')
 
 
-class Usage(NamedTuple):
-    """Of one process: CPU time in s, and resident and proportional set size in MB."""
+class Sample(NamedTuple):
+    """What the processes of a graph have used up to a time in s."""
 
-    cpu_s: float
-    rss_mb: float
-    pss_mb: float
+    time_s: float
+    usage: dict[str, Usage]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,7 +64,7 @@ def _measure_latency(arguments: argparse.Namespace, out: Path) -> dict[str, Any]
     duration = ('-p', f'duration_s:={arguments.seconds}')
     probe = _start('nodes.latency_probe', '--ros-args', *duration, '-p', MISS_NOTHING)
     try:
-        usage = _watch(graph, probe)
+        samples = _watch(graph, probe)
         if probe.returncode != 0:
             raise EvaluationError(_last_words(graph))
         latencies_s = json.loads(probe.communicate()[0].splitlines()[-1])
@@ -79,8 +76,11 @@ def _measure_latency(arguments: argparse.Namespace, out: Path) -> dict[str, Any]
         p50, p99 = np.percentile(1e3 * np.array(found), (50, 99)) if found else (np.nan, np.nan)
         figures |= {f'{name}_p50_ms': float(p50), f'{name}_p99_ms': float(p99)}
         figures[f'{name}_samples'] = len(found)
+    usage, cpu_s = _most(samples), _spent(samples, arguments.seconds)
     return {
         **figures,
+        'cpu_of_one_core': sum(cpu_s.values()) / arguments.seconds,
+        'cpu_share': {name: used_s / sum(cpu_s.values()) for name, used_s in cpu_s.items()},
         'memory_mb': sum(use.pss_mb for use in usage.values()),
         'memory_rss_mb': {name: use.rss_mb for name, use in usage.items()},
         'memory_pss_mb': {name: use.pss_mb for name, use in usage.items()},
@@ -90,7 +90,7 @@ def _measure_latency(arguments: argparse.Namespace, out: Path) -> dict[str, Any]
 def _measure_pace(arguments: argparse.Namespace, out: Path) -> dict[str, Any]:
     graph = _start_graph(arguments, out, '--lock-step')
     try:
-        usage = _watch(graph, graph)
+        usage = _most(_watch(graph, graph))
     finally:
         _end(graph)
     log = out / 'log' / 'sim.log'
@@ -125,50 +125,33 @@ def _start(module: str, *arguments: str) -> subprocess.Popen[str]:
     )
 
 
-def _watch(graph: subprocess.Popen[str], until: subprocess.Popen[str]) -> dict[str, Usage]:
-    """Sample the graph's processes until one of two ends; the largest figures of each."""
-    usage: dict[str, Usage] = {}
+def _watch(graph: subprocess.Popen[str], until: subprocess.Popen[str]) -> list[Sample]:
+    """Sample the graph's processes until one of two ends."""
+    samples = []
     end_s = time.monotonic() + PATIENCE_S
     while until.poll() is None and graph.poll() is None and time.monotonic() < end_s:
-        for pid in _family(graph.pid):
-            name, found = _name(pid), _usage(pid)
-            if found is not None:
-                usage[name] = Usage(*map(max, found, usage.get(name, found)))
+        usage = {process_name(pid): read_usage(pid) for pid in family(graph.pid)}
+        samples.append(
+            Sample(time.monotonic(), {name: use for name, use in usage.items() if use is not None})
+        )
         time.sleep(POLL_S)
-    return usage
+    return samples
 
 
-def _family(pid: int) -> Iterator[int]:
-    """A process and all that descend from it."""
-    yield pid
-    for file in Path('/proc').glob(f'{pid}/task/*/children'):
-        for child in _read(file).split():
-            yield from _family(int(child))
+def _most(samples: list[Sample]) -> dict[str, Usage]:
+    """Largest figures of each process."""
+    most: dict[str, Usage] = {}
+    for sample in samples:
+        for name, use in sample.usage.items():
+            most[name] = Usage(*map(max, use, most.get(name, use)))
+    return most
 
 
-def _name(pid: int) -> str:
-    words = _read(Path(f'/proc/{pid}/cmdline')).split('\0')
-    modules = [word for word in words if word.startswith(f'{MODULE}.nodes.')]
-    if modules:
-        return modules[0].rsplit('.', 1)[-1]
-    return 'bringup' if 'up' in words else 'planning_worker' if 'serve' in ' '.join(words) else 'other'
-
-
-def _usage(pid: int) -> Usage | None:
-    stat = _read(Path(f'/proc/{pid}/stat')).rpartition(')')[2].split()
-    memory = re.findall(r'^(Rss|Pss): +(\d+) kB', _read(Path(f'/proc/{pid}/smaps_rollup')), re.MULTILINE)
-    if not stat or len(memory) < 2:
-        return None
-    sizes_mb = {key: int(value) / 1024.0 for key, value in memory}
-    return Usage((int(stat[11]) + int(stat[12])) / CLOCK_TICKS, sizes_mb['Rss'], sizes_mb['Pss'])
-
-
-def _read(file: Path) -> str:
-    """Read a file of a process; empty once the process is gone."""
-    try:
-        return file.read_text(encoding='utf-8', errors='replace')
-    except OSError:
-        return ''
+def _spent(samples: list[Sample], seconds: float) -> dict[str, float]:
+    """CPU time in s of each process over the last seconds, in which the vessel sailed."""
+    first = next(sample for sample in samples if sample.time_s >= samples[-1].time_s - seconds)
+    last = samples[-1].usage
+    return {name: last[name].cpu_s - use.cpu_s for name, use in first.usage.items() if name in last}
 
 
 def _end(process: subprocess.Popen[str]) -> None:
