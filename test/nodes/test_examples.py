@@ -165,7 +165,7 @@ def test_the_switch_stops_until_it_says_go(graph):
     graph.add(SafetyMonitor)
     graph.listen('safety_state')
     graph.publish('odom', new_odometry())
-    assert graph.last('safety_state').message == 'stop: emergency stop'
+    graph.last('safety_state', lambda state: state.message == 'stop: emergency stop')
     switch.order('go')
     graph.publish('odom', new_odometry())
     graph.last('safety_state', lambda state: 'emergency' not in state.message)
