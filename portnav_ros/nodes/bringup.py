@@ -259,7 +259,8 @@ def run(arguments: argparse.Namespace) -> int:
     except DomainBusyError as error:
         print(f'portnav: error: {error}', file=sys.stderr)
         return Exit.DOMAIN_BUSY
-    print(f'{result.message}\n{result.time_s:.0f} s sailed; everything is in {out}')
+    sailed = f'{result.time_s:.0f} s sailed; ' if result.time_s else ''  # a vessel's driver tells no time
+    print(f'{result.message}\n{sailed}everything is in {out}')
     return result.code
 
 
