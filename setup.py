@@ -6,15 +6,15 @@ from setuptools import find_packages, setup
 PACKAGE = 'portnav_ros'
 README = Path(__file__).resolve().with_name('README.md')  # colcon --symlink-install links setup.py alone
 EXECUTABLES = (
-    'sim',
-    'global_planner',
+    'bag_recorder',
+    'pid_controller',
+    'safety_monitor',
     'muzero_planner',
     'dwa_planner',
     'ppo_planner',
     'line_of_sight_planner',
-    'safety_monitor',
-    'pid_controller',
-    'bag_recorder',
+    'global_planner',
+    'sim',
 )
 REQUIREMENTS = [
     'numpy',
@@ -40,11 +40,11 @@ EXTRAS = {
 
 
 def data_files():
-    """Config, models and launch files go to share/portnav_ros, in a wheel as under colcon."""
+    """Config, examples, models and launch files go to share/portnav_ros, in a wheel as under colcon."""
     share = Path('share', PACKAGE)
     index = Path('share/ament_index/resource_index/packages')
     files = {index: [Path('resource', PACKAGE)], share: [Path('package.xml')]}
-    for folder in ('config', 'launch', 'models'):
+    for folder in ('config', 'examples', 'launch', 'models'):
         for file in sorted(path for path in Path(folder).rglob('*') if path.is_file()):
             if '__pycache__' not in file.parts:
                 files.setdefault(share / file.parent, []).append(file)
