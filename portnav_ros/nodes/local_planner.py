@@ -181,7 +181,7 @@ class LocalPlanner(PortNode[PlannerParams]):
             if misfit := ray_misfit(scan, self._ranges.shape[1]):
                 raise MessageError(misfit)
             self._inputs.note(SCAN, stamp_ns)
-            self._ranges[0], self._scan_ns = scan.ranges, stamp_ns
+            self._ranges[0], self._scan_ns = self.params.mounting.centred(scan).ranges, stamp_ns
         finally:
             self._scan_seen_ns = stamp_ns
             self._decide_if_due()

@@ -37,6 +37,7 @@ from portnav_ros.params import Ranges, check_ranges
 from portnav_ros.safety.ages import Arrival, InputAges
 from portnav_ros.safety.decision import SetpointParams
 from portnav_ros.safety.guard import ODOM, SCAN, SETPOINT, Decision, Guard
+from portnav_ros.safety.mounting import Mounting
 from portnav_ros.safety.plausibility import PlausibilityParams, ray_misfit
 from portnav_ros.safety.rivals import RivalWatch
 from portnav_ros.safety.zones import Zone, ZoneParams
@@ -48,7 +49,6 @@ NAME = 'safety_monitor'
 WATCH_S = 0.1
 MARKERS_S = 1.0
 EMERGENCY = 'emergency stop'
-PASSING = Decision(Setpoint(0.0, 0.0), '')
 COLOURS = {True: (1.0, 0.1, 0.1), False: (1.0, 0.8, 0.1)}
 
 
@@ -57,17 +57,19 @@ class SafetyParams(NodeParams):
     """Parameters of the node.
 
     preset: vessel in config/vessels, or a YAML file; vessel.*: what differs from it. autopilot.*: gains of
-    the PID controller, with which a stop is rehearsed. lidar.*: the sensor, whose rays are checked. zone.*:
-    room for a stop. sensors.*: when a sensor is believed. setpoints.*: what a planner may ask, and release.
-    lock_step: decide once for each setpoint, with odometry and scan of its stamp. planner_period_s: of the
-    local planner. zones: look after the room for a stop. age_s: of scan and odometry, past which the vessel
-    is stopped. setpoint_age_s: the same for the planner's setpoint. rate: simulated seconds per second.
+    the PID controller, with which a stop is rehearsed. lidar.*: the sensor, whose rays are checked.
+    mounting.*: where it is. zone.*: room for a stop. sensors.*: when a sensor is believed. setpoints.*: what
+    a planner may ask, and release. lock_step: decide once for each setpoint, with odometry and scan of its
+    stamp. planner_period_s: of the local planner. zones: look after the room for a stop. age_s: of scan and
+    odometry, past which the vessel is stopped. setpoint_age_s: the same for the planner's setpoint. rate:
+    simulated seconds per second.
     """
 
     preset: str = 'shuttle'
     vessel: VesselParams = field(default_factory=VesselParams)
     autopilot: AutopilotParams = field(default_factory=AutopilotParams)
     lidar: LidarParams = field(default_factory=LidarParams)
+    mounting: Mounting = field(default_factory=Mounting)
     zone: ZoneParams = field(default_factory=ZoneParams)
     sensors: PlausibilityParams = field(default_factory=PlausibilityParams)
     setpoints: SetpointParams = field(default_factory=SetpointParams)
@@ -131,7 +133,7 @@ class SafetyMonitor(PortNode[SafetyParams]):
         self._raw: Odometry | None = None
         self._scan: Scan | None = None
         self._time_ns = self._scan_ns = -1
-        self._last, self._rivalry, self._told = PASSING, '', ''
+        self._last, self._rivalry, self._told = Decision(Setpoint(0.0, 0.0), ''), '', ''
 
     def deactivate(self) -> None:
         """Stop the vessel; in lock-step there is nobody to heed it."""
@@ -149,15 +151,15 @@ class SafetyMonitor(PortNode[SafetyParams]):
     def _new_guard(self) -> Guard:
         params = self.params
         limits_s = {ODOM: params.age_s, SCAN: params.age_s, SETPOINT: params.setpoint_age_s}
-        zone = self._zone if params.zones else None
-        return Guard(params.sensors, params.setpoints, zone, InputAges(limits_s, params.rate))
+        ages, zone = InputAges(limits_s, params.rate), self._zone if params.zones else None
+        return Guard(params.sensors, params.setpoints, zone, ages, params.mounting)
 
     def _listen_for_emergency(self) -> None:
         """Hear whoever publishes, and what a latched publisher said before."""
-        self.subscribe('emergency_stop', self._take_emergency, always=True)
+        self.subscribe('emergency_stop', self._order_emergency, always=True)
         row, silent = TOPICS['emergency_stop'], SubscriptionEventCallbacks(use_default_callbacks=False)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.create_subscription(row.type, row.name, self._take_emergency, latched, event_callbacks=silent)
+        self.create_subscription(row.type, row.name, self._order_emergency, latched, event_callbacks=silent)
 
     def _take_odometry(self, message: Odometry) -> None:
         state, stamp_ns = read_odometry(message), read_stamp(message.header.stamp)
@@ -262,21 +264,19 @@ class SafetyMonitor(PortNode[SafetyParams]):
     def _draw(self) -> None:
         """Show the way of a stop begun now, yellow, or red while the vessel is stopped."""
         if self._guard.ready and self.params.zones and self._markers.get_subscription_count():
-            own, setpoint = self._guard.own, self._last.setpoint
-            track = self._zone.stop_track(own, setpoint.yaw_rad, max(float(own[SURGE]), 0.0))
+            own, yaw_rad = self._guard.own, self._last.setpoint.yaw_rad
+            track = self._zone.stop_track(own, yaw_rad, max(float(own[SURGE]), 0.0))
             marker = track_marker('stop_zone', track, COLOURS[self._last.stops])
             self._markers.publish(MarkerArray(markers=[marker]))
 
-    def _take_emergency(self, message: Bool) -> None:
-        self._set_emergency(bool(message.data))
-
     def _on_emergency(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._set_emergency(bool(request.data))
+        self._order_emergency(request)
         response.success = True
         response.message = EMERGENCY if self._emergency else 'released'
         return response
 
-    def _set_emergency(self, emergency: bool) -> None:
+    def _order_emergency(self, order: Bool | SetBool.Request) -> None:
+        emergency = bool(order.data)
         if emergency != self._emergency:
             self.get_logger().warning(EMERGENCY if emergency else 'emergency stop released')
         self._emergency = emergency

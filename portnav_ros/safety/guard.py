@@ -9,6 +9,7 @@ import numpy as np
 
 from portnav_ros.safety.ages import SECOND_NS, Arrival, InputAges
 from portnav_ros.safety.decision import Release, SetpointParams, Situation, decide, judge_setpoint
+from portnav_ros.safety.mounting import Mounting
 from portnav_ros.safety.plausibility import (
     OdometrySeen,
     PlausibilityParams,
@@ -16,7 +17,7 @@ from portnav_ros.safety.plausibility import (
     judge_odometry,
     judge_scan,
 )
-from portnav_ros.safety.zones import Zone, scan_points
+from portnav_ros.safety.zones import Zone
 from portnav_ros.types import STATE_SIZE, YAW, YAW_RATE, Array, Scan, Setpoint, VesselState
 
 ODOM, SCAN, SETPOINT = 'odom', 'scan', 'setpoint_raw'
@@ -42,6 +43,7 @@ class Guard:
         setpoints: what a setpoint may ask.
         zone: room for a stop; None where it is not looked after.
         ages: of odom, scan and setpoint_raw.
+        mounting: of the ranging sensor.
     """
 
     def __init__(
@@ -50,8 +52,10 @@ class Guard:
         setpoints: SetpointParams,
         zone: Zone | None,
         ages: InputAges,
+        mounting: Mounting,
     ) -> None:
         self._plausible, self._setpoints, self._zone, self._ages = plausible, setpoints, zone, ages
+        self._mounting = mounting
         self._release = Release()
         self.forget()
 
@@ -96,7 +100,7 @@ class Guard:
         """Take what the sensor sees."""
         arrival = self._ages.note(SCAN, stamp_ns, steady_s)
         if arrival is Arrival.TAKEN:
-            self._points, self._limit_mps = scan_points(scan), None
+            self._points, self._limit_mps = self._mounting.points(scan), None
             state = VesselState(*self._own)
             self._scan, self._doubts[SCAN] = judge_scan(self._plausible, self._scan, scan, state)
         return arrival
