@@ -28,15 +28,11 @@ def peek_stamp(data: bytes) -> int:
     return int(seconds) * SECOND_NS + int(nanosec)
 
 
-def move_stamp(data: bytes, by_ns: int) -> bytes:
-    """Return a message that begins with a header, its stamp moved.
-
-    Raises:
-        MessageError: there is no room for one.
-    """
-    moved = bytearray(data)
-    struct.pack_into(_layout(data), moved, PREAMBLE, *divmod(peek_stamp(data) + by_ns, SECOND_NS))
-    return bytes(moved)
+def with_stamp(data: bytes, time_ns: int) -> bytes:
+    """Return a message that begins with a header, with another stamp."""
+    stamped = bytearray(data)
+    struct.pack_into(_layout(data), stamped, PREAMBLE, *divmod(time_ns, SECOND_NS))
+    return bytes(stamped)
 
 
 def read_bytes(data: bytes, message_type: type[T]) -> T:
