@@ -1,4 +1,4 @@
-"""`portnav benchmark world|graph|plan|search`: measures one part and prints the figures with the machine."""
+"""`portnav benchmark PART`: measures one part and prints the figures with the machine."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from portnav_ros.evaluation.markdown import markdown
 from portnav_ros.evaluation.parts import declare_parts, open_part
 from portnav_ros.evaluation.provenance import machine, provenance
 from portnav_ros.evaluation.summary import write_json
@@ -17,7 +18,11 @@ PARTS = {
     'plan': 'time to a path, and its length over time',
     'search': 'decisions per second of the tree search, beside other libraries',
     'train': 'environment steps and updates a second of MuZero training, and memory',
+    'faults': 'time from a fault to a safe command, for every fault of the table',
+    'bringups': 'starts and ends of the graph in a row, and what they leave behind',
 }
+PACKAGES = {'faults': 'nodes.faults', 'bringups': 'nodes.faults'}  # of parts that need ROS
+FAILED = 'failed'  # key of what a part has found wrong
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,12 +31,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Measure, print and, if asked to, write JSON.
+    """Measure, print and, if asked to, write JSON; returns 1 where a part has found something wrong.
 
     A part has ``add_arguments(parser)`` and ``run(arguments) -> dict``.
     """
     name: str = arguments.part
-    module, parser = open_part('benchmark', name, PARTS[name])
+    module, parser = open_part('benchmark', name, PARTS[name], PACKAGES.get(name, 'evaluation'))
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the figures')
     options = parser.parse_args(arguments.options)
     figures: dict[str, Any] = module.run(options)
@@ -39,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     print(f'benchmark {name}\n{_table(figures)}\n{_table(described)}')
     if options.json:
         write_json(options.json, {**figures, **described})
-    return 0
+    return 1 if figures.get(FAILED) else 0
 
 
 def _table(figures: Mapping[str, Any], indent: str = '  ') -> str:
@@ -47,6 +52,8 @@ def _table(figures: Mapping[str, Any], indent: str = '  ') -> str:
     for key, value in figures.items():
         if isinstance(value, Mapping):
             lines.append(f'{indent}{key}\n{_table(value, indent + "  ")}')
+        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+            lines.append('\n' + markdown(list(value[0]), [list(map(_text, row.values())) for row in value]))
         else:
             lines.append(f'{indent}{key:34}{_text(value)}')
     return '\n'.join(lines)

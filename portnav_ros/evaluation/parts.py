@@ -17,9 +17,11 @@ def declare_parts(parser: argparse.ArgumentParser, parts: Mapping[str, str], wha
     parser.add_argument('options', nargs=argparse.REMAINDER, help='those of the part; see PART --help')
 
 
-def open_part(command: str, name: str, about: str) -> tuple[ModuleType, argparse.ArgumentParser]:
-    """Import the module ``COMMAND_NAME`` beside this one; returns it with the parser of its options."""
-    module = importlib.import_module(f'portnav_ros.evaluation.{command}_{name}')
+def open_part(
+    command: str, name: str, about: str, package: str = 'evaluation'
+) -> tuple[ModuleType, argparse.ArgumentParser]:
+    """Import the module ``COMMAND_NAME`` of a package; returns it with the parser of its options."""
+    module = importlib.import_module(f'portnav_ros.{package}.{command}_{name}')
     parser = argparse.ArgumentParser(prog=f'portnav {command} {name}', description=about)
     module.add_arguments(parser)
     return module, parser

@@ -61,4 +61,6 @@ def table(summary: Mapping[str, Any]) -> str:
 def _known(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _known(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_known(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
