@@ -187,7 +187,7 @@ class PidController(PortNode[PidParams]):
         """Keep the actuators neutral while the driver says nothing: there is no heading to keep."""
         if self.lock_step:
             return
-        self._rivalry = self._rivals.note(self.publishers_of(self._listens_to), self.steady_s())
+        self._rivalry = self._rivals.note(self.rivals_on(self._listens_to), self.steady_s())
         if self._time_ns >= 0 and self._inputs.is_late(ODOM, self._time_ns):
             self._stop_reason = self._inputs.judge(self._time_ns)
             self._publish_neutral()

@@ -177,8 +177,10 @@ class PortNode(ManagedNode, Generic[P]):
     def _every(self, period_s: float, callback: Callable[[], None]) -> None:
         self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def publishers_of(self, subscription: Subscription) -> list[str]:
-        """Return the names of the nodes that publish to a subscription, as far as they are known."""
+    def rivals_on(self, subscription: Subscription) -> list[str]:
+        """Return the names of the nodes that publish to a subscription, where there are several."""
+        if subscription.get_publisher_count() < 2:
+            return []
         ends = self.get_publishers_info_by_topic(subscription.topic)
         return [f'{end.node_namespace.rstrip("/")}/{end.node_name}' for end in ends]
 

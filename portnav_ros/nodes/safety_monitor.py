@@ -258,7 +258,7 @@ class SafetyMonitor(PortNode[SafetyParams]):
 
     def _watch(self) -> None:
         """Notice who is silent and who speaks out of turn, and repeat a stop."""
-        self._rivalry = self._rivals.note(self.publishers_of(self._listens_to), self.steady_s())
+        self._rivalry = self._rivals.note(self.rivals_on(self._listens_to), self.steady_s())
         self._act(self._decide(), repeat=True)
 
     def _draw(self) -> None:

@@ -37,9 +37,9 @@ class Mounting:
 
     def points(self, scan: Scan) -> Array:
         """Return the returns of a scan [N, 2] in the body frame in m."""
-        points, cosine, sine = scan_points(scan), math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        turned = [cosine * points[:, 0] - sine * points[:, 1], sine * points[:, 0] + cosine * points[:, 1]]
-        return np.column_stack(turned) + np.array([self.x_m, self.y_m])
+        points = scan_points(scan, self.yaw_rad)
+        points += self.x_m, self.y_m
+        return points
 
     def centred(self, scan: Scan) -> Scan:
         """Return the scan of a sensor in the middle of the hull, with the same rays.

@@ -14,6 +14,7 @@ limit, and where none does, it is 0. Returns count as standing still.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -56,12 +57,14 @@ class ZoneParams:
         check_ranges(self)
 
 
-def scan_points(scan: Scan) -> Array:
-    """Points [N, 2] of the returns in the frame of the sensor, in m."""
-    angles = scan.angle_min_rad + scan.angle_increment_rad * np.arange(len(scan.ranges))
-    seen = np.isfinite(scan.ranges)
+def scan_points(scan: Scan, turned_rad: float = 0.0) -> Array:
+    """Points [N, 2] of the returns in m, in the frame of the sensor or of one that it is turned in."""
+    seen = np.flatnonzero(np.isfinite(scan.ranges))
     ranges = scan.ranges[seen].astype(np.float64)
-    return np.column_stack([ranges * np.cos(angles[seen]), ranges * np.sin(angles[seen])])
+    angles = scan.angle_min_rad + turned_rad + scan.angle_increment_rad * seen
+    points = np.empty((len(seen), 2))
+    points[:, 0], points[:, 1] = ranges * np.cos(angles), ranges * np.sin(angles)
+    return points
 
 
 class Zone:
@@ -94,12 +97,13 @@ class Zone:
         turned = [cosine * track[:, 0] - sine * track[:, 1], sine * track[:, 0] + cosine * track[:, 1]]
         return np.column_stack(turned) + own[[X, Y]]
 
-    def _speeds(self, asked_mps: float) -> list[float]:
+    def _speeds(self, asked_mps: float) -> Iterator[float]:
         """Speeds to try, the fastest first."""
-        slowest = self._params.steerage_mps
-        if asked_mps <= slowest:
-            return [asked_mps]
-        return [float(speed) for speed in np.linspace(asked_mps, slowest, self._params.speeds)]
+        yield asked_mps
+        slowest, steps = self._params.steerage_mps, self._params.speeds - 1
+        if asked_mps > slowest:
+            yield from (asked_mps + (slowest - asked_mps) * k / steps for k in range(1, steps))
+            yield slowest
 
     def _stop(self, own: Array, yaw_rad: float, speed_mps: float) -> Array:
         """Poses [T, 3] of a stop in the present body frame."""
