@@ -46,12 +46,13 @@ class InputAges:
 
         Args:
             limits_s: age in s past which each is too old; the first is the reference.
-            rate: simulated seconds per second. Silence is told by the driver's time where that is slower than
-                the clock, else by the clock: a process that waits for its turn is no lost sensor.
+            rate: simulated seconds per second. Where that is more than one, the limits are of the clock: a
+                process that waits for its turn is no lost sensor.
         """
-        self._limits_s = dict(limits_s)
+        patience = max(rate, 1.0)
+        self._limits_s = {name: limit_s * patience for name, limit_s in limits_s.items()}
         self._reference = next(iter(limits_s))
-        self._pace, self._future_s = min(rate, 1.0), FUTURE_S * max(rate, 1.0)
+        self._rate, self._future_s = rate, FUTURE_S * patience
         self.forget()
 
     def forget(self) -> None:
@@ -91,7 +92,7 @@ class InputAges:
         if heard is None:
             return math.inf
         by_stamp_s = (self.now_ns(steady_s) - heard.stamp_ns) / SECOND_NS
-        return max(by_stamp_s, (steady_s - heard.steady_s) * self._pace)
+        return max(by_stamp_s, (steady_s - heard.steady_s) * self._rate)
 
     def too_old(self, steady_s: float) -> str:
         """Name the first input that is missing or too old; nothing where all are fresh."""
@@ -105,7 +106,7 @@ class InputAges:
         return self.age_s(name, steady_s) > self._limits_s[name]
 
     def _carried_on(self, heard: _Heard, steady_s: float) -> int:
-        return heard.stamp_ns + round((steady_s - heard.steady_s) * self._pace * SECOND_NS)
+        return heard.stamp_ns + round((steady_s - heard.steady_s) * self._rate * SECOND_NS)
 
     def _latest_ns(self, name: str, steady_s: float) -> int:
         """The latest stamp that can be true."""

@@ -121,6 +121,16 @@ def test_in_slow_motion_silence_is_counted_in_the_drivers_time():
     assert driver.reason(5.6) == 'odom too old'
 
 
+def test_faster_than_the_clock_a_stamp_may_lag_as_the_clock_allows():
+    driver = Driver(rate=10.0)
+    driver.send('odom', 0.0)
+    driver.send('scan', 0.0)
+    driver.send('odom', 4.9, time_s=0.49)
+    assert driver.reason(0.49) == ''
+    driver.send('odom', 5.1, time_s=0.51)
+    assert driver.reason(0.51) == 'scan too old'
+
+
 def test_faster_than_the_clock_silence_is_counted_by_the_clock():
     driver = Driver(rate=20.0)
     for name in ('odom', 'scan'):
