@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import rclpy
 from rclpy.context import Context
@@ -70,6 +70,8 @@ class Rig:
             self.node = self._stack.enter_context(self.another_node('fault_injector'))
             self.injector = Injector(self.node)
             self.witness = Witness(self.node, self.injector)
+            row = TOPICS['goal_pose']
+            self._goals = self.node.create_publisher(row.type, row.name, offered_qos(row))
             self._stack.enter_context(self.graph)
             self.set_out(GOAL)
         except BaseException:
@@ -156,16 +158,13 @@ class Rig:
             self._executor.remove_node(node)
             node.destroy_node()
 
-    def publish(self, topic: str, message: Any) -> None:
-        """Publish once on a topic of the table, when somebody listens."""
-        row = TOPICS[topic]
-        publisher = self.node.create_publisher(row.type, topic, offered_qos(row))
-        self.until(lambda: publisher.get_subscription_count() > 0, f'a listener to {topic}')
-        publisher.publish(message)
+    def send_goal(self, x_m: float, y_m: float) -> None:
+        """Send a goal to whoever listens."""
+        self._goals.publish(pose_message(x_m, y_m, 0.0, 0))
 
     def _send(self, goal: tuple[float, float]) -> None:
         sent_s = time.monotonic()
-        self.publish('goal_pose', pose_message(*goal, 0.0, 0))
+        self.send_goal(*goal)
         self.until(lambda: goal in self.witness.plan_ends or self._unheard(sent_s), f'a plan to {goal}')
 
     def _unheard(self, sent_s: float) -> bool:

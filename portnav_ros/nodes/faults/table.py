@@ -17,7 +17,7 @@ from portnav_ros.nodes.faults.graph import GOAL, LOCAL_PLANNER
 from portnav_ros.nodes.faults.injector import Spoil
 from portnav_ros.nodes.faults.rig import Fault, Rig
 from portnav_ros.nodes.faults.verdict import NEUTRAL_S
-from portnav_ros.nodes.messages import fill_setpoint, new_setpoint, pose_message
+from portnav_ros.nodes.messages import fill_setpoint, new_setpoint
 from portnav_ros.nodes.safety_monitor import SafetyParams
 from portnav_ros.nodes.topics import TOPICS, offered_qos
 from portnav_ros.types import Setpoint
@@ -27,7 +27,7 @@ PERIOD_S = _LIMITS.planner_period_s
 SENSOR_S = _LIMITS.age_s + PERIOD_S
 PLANNER_S = _LIMITS.setpoint_age_s + PERIOD_S
 DRIVER_S = NEUTRAL_S + PERIOD_S
-OTHER_GOAL, LAND = (3700.0, 10.0), (2000.0, 400.0)
+OTHER_GOAL, LAND = (3700.0, 10.0), (2000.0, -300.0)
 HUNG_S, SLOW_S = 5.0, 0.3
 PLANNING_S = 0.2  # of CPU time, a small part of a search
 JUMP_S, JUMP_M = 100.0, 100.0
@@ -121,7 +121,7 @@ def _going_to(x_m: float, y_m: float) -> Begin:
 
     @contextmanager
     def begin(rig: Rig) -> Iterator[None]:
-        rig.publish('goal_pose', pose_message(x_m, y_m, 0.0, 0))
+        rig.send_goal(x_m, y_m)
         try:
             yield
         finally:
@@ -141,7 +141,7 @@ def _new_goal(rig: Rig) -> Iterator[None]:
 def _kill_global_planner(rig: Rig) -> Iterator[None]:
     """Kill it while it plans; once it is back, it plans again."""
     begin_s = rig.graph.cpu_s(WORKER)
-    rig.publish('goal_pose', pose_message(*OTHER_GOAL, 0.0, 0))
+    rig.send_goal(*OTHER_GOAL)
     rig.until(lambda: rig.graph.cpu_s(WORKER) > begin_s + PLANNING_S, 'a search')
     rig.graph.signal('global_planner', signal.SIGKILL)
     yield
@@ -181,7 +181,7 @@ FAULTS = (
     Fault('two_publishers', SENSOR_S, 'rival', _rival),
     Fault('late_joiner', None, '', _late_joiner, 1.0),
     Fault('new_goal', None, '', _new_goal, 1.0),
-    Fault('goal_on_land', PLANNER_S, 'no plan', _going_to(*LAND)),
+    Fault('goal_on_land', PLANNER_S, 'is on land', _going_to(*LAND)),
     Fault('global_planner_killed', None, 'global_planner was killed', _kill_global_planner, 0.0),
     Fault('planner_killed', PLANNER_S, 'setpoint_raw too old', _killing(LOCAL_PLANNER), 0.0),
     Fault('safety_killed', PLANNER_S, 'stop: setpoint too old', _killing('safety_monitor'), 0.0),
