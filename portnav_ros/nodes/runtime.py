@@ -190,7 +190,7 @@ class PortNode(ManagedNode, Generic[P]):
         if self.vitals.reasons.get(topic) != reason and now_s - self._refused_s.get(topic, -math.inf) > LOG_S:
             self._refused_s[topic] = now_s
             self.get_logger().warning(f'{topic}: message refused: {reason}')
-        self.vitals.refuse(topic, reason)
+        self.vitals.refuse(topic, reason, now_s)
 
     def health(self) -> Health:
         """Return the node's own part of the diagnostics; asked for while the node is active."""
@@ -199,8 +199,9 @@ class PortNode(ManagedNode, Generic[P]):
     def report_health(self) -> None:
         """Publish the diagnostics."""
         level, text, values = self.health() if self.active else Health(text=self.state)
-        values = {'state': self.state, **values, **self.vitals.report(time.monotonic())}
-        reasons, mismatched = self.vitals.reasons, self._mismatches.describe()
+        now_s = time.monotonic()
+        values = {'state': self.state, **values, **self.vitals.report(now_s)}
+        reasons, mismatched = self.vitals.refusing(now_s), self._mismatches.describe()
         if reasons and level == DiagnosticStatus.OK:
             text = '; '.join(f'{topic}: message refused: {reason}' for topic, reason in reasons.items())
             level = DiagnosticStatus.WARN

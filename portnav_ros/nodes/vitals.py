@@ -11,6 +11,7 @@ from collections import Counter, deque
 from dataclasses import dataclass, field
 
 REPORTS = 5  # that a rate is told over
+RECENT_S = 5.0  # that a refusal is worth a warning
 CALLS = 200  # that the durations of a callback are told of
 NO_STAMP = -1
 NO_PERIOD = math.inf
@@ -29,6 +30,7 @@ class _Input:
     messages: int = 0
     refused: int = 0
     reason: str = ''
+    refused_s: float = -math.inf
     heard_s: float = -math.inf
     stamp_ns: int = NO_STAMP
     reports: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=REPORTS))
@@ -70,11 +72,11 @@ class Vitals:
         if stamp_ns != NO_STAMP:
             heard.stamp_ns = self._newest_ns = stamp_ns
 
-    def refuse(self, topic: str, reason: str) -> None:
+    def refuse(self, topic: str, reason: str, now_s: float) -> None:
         """Take note that a message of an expected topic could not be used."""
         refusing = self._inputs[topic]
         refusing.refused += 1
-        refusing.reason = reason
+        refusing.reason, refusing.refused_s = reason, now_s
 
     def spend(self, callback: str, duration_s: float) -> None:
         """Take note of a call of a watched callback."""
@@ -95,6 +97,11 @@ class Vitals:
     def reasons(self) -> dict[str, str]:
         """Why a message was last refused, of each topic where one was."""
         return {topic: item.reason for topic, item in self._inputs.items() if item.refused}
+
+    def refusing(self, now_s: float) -> dict[str, str]:
+        """Why a message was last refused, of each topic where one was a short while ago."""
+        recent = {topic for topic, item in self._inputs.items() if now_s - item.refused_s <= RECENT_S}
+        return {topic: reason for topic, reason in self.reasons.items() if topic in recent}
 
     def report(self, now_s: float) -> dict[str, str]:
         """Figures for the diagnostics.

@@ -59,12 +59,13 @@ def test_refusals_are_counted_with_the_last_reason():
     vitals = Vitals()
     vitals.expect('scan')
     vitals.expect('odom')
-    vitals.refuse('scan', 'ranges is empty')
-    vitals.refuse('scan', 'ranges holds only NaN')
+    vitals.refuse('scan', 'ranges is empty', 1.0)
+    vitals.refuse('scan', 'ranges holds only NaN', 2.0)
     told = vitals.report(1.0)
     assert (told['refused_scan'], told['refused_scan_reason']) == ('2', 'ranges holds only NaN')
     assert 'refused_odom' not in told
-    assert vitals.reasons == {'scan': 'ranges holds only NaN'}
+    assert vitals.reasons == vitals.refusing(3.0) == {'scan': 'ranges holds only NaN'}
+    assert not vitals.refusing(60.0), 'worth no warning any more'
     assert (vitals.refused['scan'], vitals.refused['odom']) == (2, 0)
 
 
@@ -107,7 +108,7 @@ def test_to_begin_is_to_forget_all_but_what_is_expected():
     vitals.watch('odom', 0.05)
     hear(vitals, 'odom', [1.0])
     vitals.hear('plan', 1.0)
-    vitals.refuse('odom', 'frame')
+    vitals.refuse('odom', 'frame', 1.0)
     vitals.spend('odom', 1.0)
     vitals.begin()
     assert vitals.report(2.0) == {'odom_age_s': 'inf', 'plan_age_s': '1.000'}
