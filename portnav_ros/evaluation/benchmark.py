@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -60,6 +61,10 @@ def _table(figures: Mapping[str, Any], indent: str = '  ') -> str:
 
 
 def _text(value: Any) -> str:
+    if isinstance(value, bool):
+        return 'yes' if value else 'no'
+    if isinstance(value, float) and math.isnan(value):
+        return '-'
     if isinstance(value, float):
         return f'{value:,.0f}' if abs(value) >= 10_000.0 else f'{value:.4g}'
     if isinstance(value, (list, tuple)):

@@ -49,5 +49,6 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def figures(row: Row) -> dict[str, Any]:
     """Return what is told of a fault."""
-    values = row._asdict() | {'reason': row.reason.partition(';')[0], 'passed': row.passed}
+    values = row._asdict() | {'measured_s': round(row.measured_s, 3), 'passed': row.passed}
+    values['reason'] = row.reason.partition(';')[0]
     return {key: value for key, value in values.items() if key != 'complaint'}

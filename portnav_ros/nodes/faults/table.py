@@ -176,7 +176,12 @@ FAULTS = (
     Fault('clock_back', SENSOR_S, ' yet', _shifting_clock(-JUMP_S), 0.0),
     Fault('planner_hung', PLANNER_S, 'setpoint_raw too old', _hang_planner, HUNG_S),
     Fault('planner_slow', None, '', _slow_planner, WATCHED_S),
-    Fault('planner_nan', PLANNER_S, 'setpoint', _spoiling('setpoint_raw', _always(spoils.not_a_number))),
+    Fault(
+        'planner_nan',
+        PLANNER_S,
+        'setpoint_raw refused',
+        _spoiling('setpoint_raw', _always(spoils.not_a_number)),
+    ),
     Fault('planner_heading_jump', PLANNER_S, 'jumps by', _spoiling('setpoint_raw', spoils.turn_about)),
     Fault('two_publishers', SENSOR_S, 'rival', _rival),
     Fault('late_joiner', None, '', _late_joiner, 1.0),
