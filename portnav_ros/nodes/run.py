@@ -16,7 +16,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'arguments',
         nargs=argparse.REMAINDER,
         metavar='...',
-        help='for the node, e.g. --ros-args -p seed:=3 -r setpoint_raw:=setpoint',
+        help='for the node, e.g. --ros-args -p seed:=3 -r scan:=lidar/scan',
     )
 
 
