@@ -53,6 +53,7 @@ class InputAges:
         self._limits_s = {name: limit_s * patience for name, limit_s in limits_s.items()}
         self._reference = next(iter(limits_s))
         self._rate, self._future_s = rate, FUTURE_S * patience
+        self._jumped = False  # until all inputs have been heard since
         self.forget()
 
     def forget(self) -> None:
@@ -98,7 +99,8 @@ class InputAges:
         """Name the first input that is missing or too old; nothing where all are fresh."""
         for name in self._limits_s:
             if self.is_late(name, steady_s):
-                return f'{name} too old' if name in self._heard else f'no {name} yet'
+                missing = f'no {name} since the clock jumped' if self._jumped else f'no {name} yet'
+                return f'{name} too old' if name in self._heard else missing
         return ''
 
     def is_late(self, name: str, steady_s: float) -> bool:
@@ -126,10 +128,12 @@ class InputAges:
 
     def _begin(self, name: str, stamp_ns: int, steady_s: float) -> Arrival:
         self.forget()
+        self._jumped = True
         self._take(name, _Heard(stamp_ns, steady_s, advanced=False))
         return Arrival.JUMPED
 
     def _take(self, name: str, heard: _Heard) -> None:
         self._heard[name] = heard
+        self._jumped = self._jumped and len(self._heard) < len(self._limits_s)
         if heard.stamp_ns >= self._newest.stamp_ns:
             self._newest = heard

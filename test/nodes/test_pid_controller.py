@@ -156,7 +156,7 @@ def test_a_clock_that_jumps_back_begins_anew(graph, controller):
     steer_to(graph, 0)
     graph.publish('odom', odometry(SECOND_NS))
     graph.publish('odom', odometry(0))
-    graph.status('pid_controller', lambda status: status.message == 'stop: no setpoint yet')
+    graph.status('pid_controller', lambda status: status.message == 'stop: no setpoint since the clock jumped')
 
 
 def test_in_lock_step_the_answer_waits_for_the_setpoint_of_the_decision(graph, clock):

@@ -233,7 +233,7 @@ def test_a_clock_that_jumps_back_stops_the_vessel_for_a_while(graph, stack):
     stack.sail(5 * SECOND_NS)
     stack.begin_s += 5.0
     stack.odom(0)
-    stack.stopped('no scan yet')
+    stack.stopped('no scan since the clock jumped')
     stack.released(1)
 
 

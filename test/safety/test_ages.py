@@ -84,7 +84,7 @@ def test_a_stamp_in_the_future_is_refused_and_leaves_the_age_alone(driver):
 
 def test_a_clock_that_jumps_back_voids_everything(driver):
     assert driver.send('odom', 0.05, time_s=0.25) is Arrival.JUMPED
-    assert driver.reason(0.25) == 'no scan yet'
+    assert driver.reason(0.25) == 'no scan since the clock jumped'
     assert driver.send('scan', 0.05, time_s=0.26) is Arrival.TAKEN
     assert driver.reason(0.26) == ''
 
@@ -97,7 +97,7 @@ def test_one_message_that_was_overtaken_is_no_jump(driver):
 def test_a_jump_ahead_is_believed_once_messages_agree(driver):
     arrivals = [driver.send('odom', 3600.0 + 0.05 * k, time_s=0.25 + 0.05 * k) for k in range(3)]
     assert arrivals == [Arrival.FUTURE, Arrival.FUTURE, Arrival.JUMPED]
-    assert driver.reason(0.35) == 'no scan yet'
+    assert driver.reason(0.35) == 'no scan since the clock jumped'
 
 
 def test_stray_stamps_from_the_future_never_add_up_to_a_jump(driver):

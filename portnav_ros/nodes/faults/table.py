@@ -172,8 +172,8 @@ FAULTS = (
     Fault('odom_frozen', SENSOR_S, 'odometry frozen', _spoiling('odom', spoils.freeze_pose)),
     Fault('odom_jump', SENSOR_S, 'odometry jumped', _spoiling('odom', lambda: spoils.jump(JUMP_M, 10))),
     Fault('odom_nan', SENSOR_S, 'not finite', _spoiling('odom', _always(spoils.not_a_number))),
-    Fault('clock_forward', SENSOR_S, 'stamp lies in the future', _shifting_clock(JUMP_S), 0.0),
-    Fault('clock_back', SENSOR_S, ' yet', _shifting_clock(-JUMP_S), 0.0),
+    Fault('clock_forward', SENSOR_S, 'since the clock jumped', _shifting_clock(JUMP_S), 0.0),
+    Fault('clock_back', SENSOR_S, 'since the clock jumped', _shifting_clock(-JUMP_S), 0.0),
     Fault('planner_hung', PLANNER_S, 'setpoint_raw too old', _hang_planner, HUNG_S),
     Fault('planner_slow', None, '', _slow_planner, WATCHED_S),
     Fault(
