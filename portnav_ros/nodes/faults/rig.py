@@ -29,7 +29,7 @@ PATIENCE_S = 120.0  # by the clock, with a graph that starts or recovers
 GOAL_S = 3.0  # by the clock, after which the diagnostics tell whether a goal was heard
 REASON_S = 20.0  # by the clock: diagnostics come once a second
 SETTLED_S = 0.8  # of safe commands on end, until a stop is believed
-LEAST_SPEED_MPS = 1.5  # before a fault begins
+LEAST_SPEED_MPS = 1.2  # before a fault begins
 STEP_S = 0.05
 
 
@@ -58,7 +58,7 @@ class Rig:
 
     def __init__(self, out: Path) -> None:
         self.graph = GraphUnderTest(out)
-        self._stack = ExitStack()
+        self._stack, self._ended_s = ExitStack(), math.inf
 
     def __enter__(self) -> Self:
         """Start everything, and set out for the goal."""
@@ -88,28 +88,17 @@ class Rig:
         self.until(self._under_way, 'the vessel to sail')
         self.witness.forget()
         said, began_s = len(self.graph.said()), self.witness.now_s
-        limit_s = math.nan if fault.limit_s is None else fault.limit_s
-        measured_s, stopped, complaint = math.nan, False, ''
+        self._ended_s, complaint = math.inf, ''
         try:
             with fault.begin(self):
-                if fault.limit_s is None:
-                    self.sail(fault.hold_s)
-                else:
-                    self._await_stop(began_s + fault.limit_s, fault.hold_s)
+                self._endure(fault, began_s)
                 self._await_reason(fault, said)
-                ended_s = self.witness.now_s
         except FaultError as error:
-            complaint, ended_s = str(error), self.witness.now_s
-        if fault.limit_s is not None:
-            measured_s = unsafe_for_s(self.witness.commands, began_s, ended_s)
-            stopped = measured_s <= fault.limit_s
-            complaint = complaint or ('' if stopped else f'unsafe commands for {measured_s:.2f} s')
-        else:
-            stopped = any(asked.speed_mps == 0.0 for asked in self.witness.setpoints)
-            complaint = complaint or ('the vessel was stopped' if stopped else '')
+            complaint = str(error)
+        row = self._judge(fault, began_s)._replace(reason=self._reason(fault, said))
         recovered = self._recovers()
-        complaint = complaint or ('' if recovered else f'it did not sail again; {self.graph.last_words()}')
-        return Row(fault.name, limit_s, measured_s, stopped, recovered, self._reason(fault, said), complaint)
+        lost = '' if recovered else f'it did not sail again; {self.graph.last_words()}'
+        return row._replace(recovered=recovered, complaint=complaint or row.complaint or lost)
 
     def set_out(self, goal: tuple[float, float]) -> None:
         """Send a goal once the graph is active, and wait for a plan to it."""
@@ -175,8 +164,26 @@ class Rig:
     def _under_way(self) -> bool:
         return self.witness.sailing and self.witness.surge_mps >= LEAST_SPEED_MPS
 
-    def _await_stop(self, limit_s: float, hold_s: float) -> None:
-        """Wait until commands have been safe for a while, or the limit is over, and hold the fault on."""
+    def _endure(self, fault: Fault, began_s: float) -> None:
+        """Watch what the fault does; what comes later, while its reason is waited for, is not judged."""
+        if fault.limit_s is not None:
+            self._await_stop(began_s + fault.limit_s)
+        self.sail(fault.hold_s)
+        self._ended_s = self.witness.now_s
+
+    def _judge(self, fault: Fault, began_s: float) -> Row:
+        if fault.limit_s is None:
+            stopped = any(asked.speed_mps == 0.0 for asked in self.witness.setpoints)
+            complaint = 'the vessel was stopped' if stopped else ''
+            return Row(fault.name, math.nan, math.nan, stopped, False, '', complaint)
+        ended_s = min(self._ended_s, self.witness.now_s)
+        measured_s = unsafe_for_s(self.witness.commands, began_s, ended_s)
+        stopped = measured_s <= fault.limit_s
+        complaint = '' if stopped else f'unsafe commands for {measured_s:.2f} s'
+        return Row(fault.name, fault.limit_s, measured_s, stopped, False, '', complaint)
+
+    def _await_stop(self, limit_s: float) -> None:
+        """Wait until commands have been safe for a while, or the limit is over."""
         witness = self.witness
         begin_s = witness.now_s
 
@@ -185,7 +192,6 @@ class Rig:
             return safe_for_s >= SETTLED_S or witness.now_s > limit_s + SETTLED_S
 
         self.until(settled, 'a stop')
-        self.sail(hold_s)
 
     def _await_reason(self, fault: Fault, said: int) -> None:
         try:

@@ -26,5 +26,5 @@ def test_a_fault_is_survived(rig, fault):
 
 def test_the_bag_holds_what_came_before_the_recorder_died(rig):
     bag = read_bag(rig.graph.out / 'run')
-    assert 'cut off' in bag.lost
+    assert bag.lost, 'it says that its end is missing'
     assert len(bag.messages['/odom']) > 100
