@@ -80,7 +80,7 @@ def _measure_latency(arguments: argparse.Namespace, out: Path) -> dict[str, Any]
     return {
         **figures,
         'cpu_of_one_core': sum(cpu_s.values()) / arguments.seconds,
-        'cpu_share': {name: used_s / sum(cpu_s.values()) for name, used_s in cpu_s.items()},
+        'cpu_share': _shares(cpu_s),
         'memory_mb': sum(use.pss_mb for use in usage.values()),
         'memory_rss_mb': {name: use.rss_mb for name, use in usage.items()},
         'memory_pss_mb': {name: use.pss_mb for name, use in usage.items()},
@@ -90,21 +90,23 @@ def _measure_latency(arguments: argparse.Namespace, out: Path) -> dict[str, Any]
 def _measure_pace(arguments: argparse.Namespace, out: Path) -> dict[str, Any]:
     graph = _start_graph(arguments, out, '--lock-step')
     try:
-        usage = _most(_watch(graph, graph))
+        samples = _watch(graph, graph)
     finally:
         _end(graph)
     log = out / 'log' / 'sim.log'
     told = RATE.search(log.read_text(encoding='utf-8')) if log.exists() else None
     if told is None:
         raise EvaluationError(_last_words(graph))
+    usage, simulated_s, factor = _most(samples), float(told[2]), float(told[3])
     cpu_s = sum(use.cpu_s for use in usage.values())
     return {
         'outcome': told[1],
-        'simulated_s': float(told[2]),
-        'real_time_factor': float(told[3]),
+        'simulated_s': simulated_s,
+        'real_time_factor': factor,
         'cpu_s': cpu_s,
-        'simulated_s_per_cpu_s': float(told[2]) / cpu_s,
+        'simulated_s_per_cpu_s': simulated_s / cpu_s,
         'cpu_s_by_process': {name: use.cpu_s for name, use in usage.items()},
+        'cpu_share_lock_step': _shares(_spent(samples, simulated_s / factor)),
     }
 
 
@@ -150,8 +152,12 @@ def _most(samples: list[Sample]) -> dict[str, Usage]:
 def _spent(samples: list[Sample], seconds: float) -> dict[str, float]:
     """CPU time in s of each process over the last seconds, in which the vessel sailed."""
     first = next(sample for sample in samples if sample.time_s >= samples[-1].time_s - seconds)
-    last = samples[-1].usage
-    return {name: last[name].cpu_s - use.cpu_s for name, use in first.usage.items() if name in last}
+    last = _most(samples)
+    return {name: last[name].cpu_s - use.cpu_s for name, use in first.usage.items()}
+
+
+def _shares(cpu_s: dict[str, float]) -> dict[str, float]:
+    return {name: used_s / sum(cpu_s.values()) for name, used_s in cpu_s.items()}
 
 
 def _end(process: subprocess.Popen[str]) -> None:
