@@ -96,7 +96,6 @@ class PidController(PortNode[PidParams]):
         clock = None if self.lock_step else lambda: self.steady_s()
         self._inputs = Inputs(limits_s, self.params.rate, self.params.release_s, clock)
         self._astern = AsternBound(self.params.astern_s, self.params.vessel)
-        self._rivals = RivalWatch(SETPOINT)
         self.get_logger().info('the first start compiles the autopilot, a few seconds')
         steer(self._gains, self._model, np.zeros(PID_SIZE), self._own, 0.0, 0.0, self.params.period_s)
         self._message = new_joints()
@@ -107,7 +106,7 @@ class PidController(PortNode[PidParams]):
 
     def activate(self) -> None:
         """Know nothing yet."""
-        self._stop_reason, self._rivalry = 'no odom yet', ''
+        self._stop_reason, self._rivalry, self._rivals = 'no odom yet', '', RivalWatch(SETPOINT)
         self._forget()
 
     def deactivate(self) -> None:
@@ -142,13 +141,16 @@ class PidController(PortNode[PidParams]):
 
     def _take_odometry(self, message: Odometry) -> None:
         state, time_ns = read_odometry(message), read_stamp(message.header.stamp)
+        rested = self._inputs.is_late(ODOM, time_ns)  # a time in neutral is none of braking astern
         if self._inputs.note(ODOM, time_ns):
             self._forget()
             self._inputs.note(ODOM, time_ns)
         if time_ns < self._time_ns:
             return  # overtaken on its way
-        first = self._time_ns < 0
-        self._unspent_s += self.params.period_s if first else (time_ns - self._time_ns) / SECOND_NS
+        if rested or self._time_ns < 0:
+            self._unspent_s = self.params.period_s
+        else:
+            self._unspent_s += (time_ns - self._time_ns) / SECOND_NS
         self._own[:], self._time_ns = state, time_ns
         self._answer()
 
@@ -164,7 +166,11 @@ class PidController(PortNode[PidParams]):
         decision_ns = self._time_ns - self._time_ns % self._period_ns
         if self.lock_step and self._setpoint_ns < decision_ns:
             return
-        target, step_s, self._unspent_s = self._target(), self._unspent_s, 0.0
+        target = self._target()
+        if self._inputs.is_late(ODOM, self._time_ns):
+            self._publish_neutral()
+            return
+        step_s, self._unspent_s = self._unspent_s, 0.0
         rudder, thrust = steer(self._gains, self._model, self._memory, self._own, *target, step_s)
         command = Actuation(rudder, self._astern.apply(thrust, step_s))
         if self.params.limit_rates:
@@ -189,8 +195,7 @@ class PidController(PortNode[PidParams]):
             return
         self._rivalry = self._rivals.note(self.rivals_on(self._listens_to), self.steady_s())
         if self._time_ns >= 0 and self._inputs.is_late(ODOM, self._time_ns):
-            self._stop_reason = self._inputs.judge(self._time_ns)
-            self._publish_neutral()
+            self._answer()
 
     def _publish_neutral(self) -> None:
         self._command = NEUTRAL

@@ -131,6 +131,25 @@ def test_odometry_whose_stamp_stands_still_gets_neutral(graph, clock):
     graph.last('cmd_actuators', lambda m: read_joints(m) == (0.0, 0.0))
 
 
+def test_without_odometry_not_even_a_setpoint_moves_the_vessel(graph, clock):
+    node = start(graph, clock)
+    steer_to(graph, 0)
+    clock.now_s += 0.6
+    graph.heard['cmd_actuators'].clear()
+    graph.publish('setpoint', setpoint(TICK_NS, speed=0.0))
+    graph.until(lambda: node._setpoint_ns == TICK_NS, 'the setpoint')
+    graph.until(lambda: len(graph.heard['cmd_actuators']) > 2, 'commands')
+    assert {read_joints(m) for m in graph.heard['cmd_actuators']} == {(0.0, 0.0)}
+
+
+def test_a_time_without_odometry_is_none_of_braking(graph, clock):
+    start(graph, clock, astern_s=0.98)
+    answer(graph, 0)
+    clock.now_s += 30.0
+    graph.publish('odom', odometry(30 * SECOND_NS))
+    graph.last('cmd_actuators', lambda m: read_stamp(m.header.stamp) and read_joints(m).thrust_n < 0.0)
+
+
 def test_astern_thrust_ends_after_a_while(graph, clock):
     node = start(graph, clock, odom_age_s=60.0, astern_s=0.98)
     for tick in range(1, 25):
@@ -156,7 +175,9 @@ def test_a_clock_that_jumps_back_begins_anew(graph, controller):
     steer_to(graph, 0)
     graph.publish('odom', odometry(SECOND_NS))
     graph.publish('odom', odometry(0))
-    graph.status('pid_controller', lambda status: status.message == 'stop: no setpoint since the clock jumped')
+    graph.status(
+        'pid_controller', lambda status: status.message == 'stop: no setpoint since the clock jumped'
+    )
 
 
 def test_in_lock_step_the_answer_waits_for_the_setpoint_of_the_decision(graph, clock):
