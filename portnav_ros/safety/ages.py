@@ -38,7 +38,8 @@ class InputAges:
     """Ages of a node's inputs.
 
     The first input is the reference, whose stamps tell the driver's time. Where it jumps back, or ahead by
-    more than steady time and its own limit allow, all inputs are forgotten.
+    more than steady time and its own limit allow, all inputs are forgotten. What came before its first stamp,
+    and lies in the future of that, is forgotten, too.
     """
 
     def __init__(self, limits_s: Mapping[str, float], rate: float = 1.0) -> None:
@@ -133,7 +134,10 @@ class InputAges:
         return Arrival.JUMPED
 
     def _take(self, name: str, heard: _Heard) -> None:
+        if name == self._reference and name not in self._heard:
+            latest_ns = heard.stamp_ns + round(self._future_s * SECOND_NS)
+            self._heard = {other: item for other, item in self._heard.items() if item.stamp_ns <= latest_ns}
         self._heard[name] = heard
         self._jumped = self._jumped and len(self._heard) < len(self._limits_s)
-        if heard.stamp_ns >= self._newest.stamp_ns:
+        if self._reference in self._heard and heard.stamp_ns >= self._newest.stamp_ns:
             self._newest = heard

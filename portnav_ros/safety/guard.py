@@ -102,7 +102,8 @@ class Guard:
         if arrival is Arrival.TAKEN:
             self._points, self._limit_mps = self._mounting.points(scan), None
             state = VesselState(*self._own)
-            self._scan, self._doubts[SCAN] = judge_scan(self._plausible, self._scan, scan, state)
+            seen, self._doubts[SCAN] = judge_scan(self._plausible, self._scan, scan, state)
+            self._scan = seen if self.ready else None  # without odometry the pose it was seen from is unknown
         return arrival
 
     def take_setpoint(self, setpoint: Setpoint, stamp_ns: int, steady_s: float) -> Arrival:

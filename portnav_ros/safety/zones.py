@@ -1,6 +1,6 @@
 """The speed from which a stop stays clear of all that the sensor sees.
 
-A stop is rehearsed with vessel and autopilot (vessel.py, autopilot.py): the present speed for
+A stop is rehearsed with vessel and autopilot (vessel.py, autopilot.py): the speed in question for
 `reaction_s` on the heading asked for, then speed 0 with as much astern thrust as the autopilot gives
 and the rudder kept to that heading. Thrust and rudder need their time, so the way is longer than that of
 a constant force F, which is (integrate m s ds = -(F + k s^2) dx)::

@@ -138,3 +138,21 @@ def test_faster_than_the_clock_silence_is_counted_by_the_clock():
         driver.send(name, 1.0, time_s=0.05)
     assert driver.reason(0.5) == ''
     assert driver.reason(0.6) == 'odom too old'
+
+
+def test_what_came_first_from_another_clock_does_not_make_all_else_old():
+    driver = Driver()
+    driver.send('scan', 5000.0, time_s=0.0)
+    for tick in range(5):
+        driver.send('odom', 0.1 * tick)
+        assert driver.send('scan', 5000.0 + 0.1 * tick, time_s=0.1 * tick) is Arrival.FUTURE
+    assert driver.reason(0.4) == 'no scan yet'
+    driver.send('scan', 0.4)
+    assert driver.reason(0.4) == ''
+
+
+def test_a_scan_that_came_before_the_first_odometry_counts():
+    driver = Driver()
+    driver.send('scan', 0.05, time_s=0.0)
+    driver.send('odom', 0.0)
+    assert driver.reason(0.0) == ''
