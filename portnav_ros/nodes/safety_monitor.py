@@ -114,7 +114,6 @@ class SafetyMonitor(PortNode[SafetyParams]):
         self.get_logger().info('the first start compiles the rehearsal of a stop, a few seconds')
         self._zone.limit_mps(np.zeros(STATE_SIZE), Setpoint(0.0, 1.0), np.zeros((1, 2)))
         self._message = new_setpoint()
-        self._rivals = RivalWatch(SETPOINT)
         self._setpoints = self.publisher('setpoint')
         self._states, self._markers = self.publisher('safety_state'), self.publisher('markers')
         unwanted = self._is_between_decisions if self.lock_step else None
@@ -129,7 +128,7 @@ class SafetyMonitor(PortNode[SafetyParams]):
 
     def activate(self) -> None:
         """Know nothing yet, but an emergency stop."""
-        self._guard = self._new_guard()
+        self._guard, self._rivals = self._new_guard(), RivalWatch(SETPOINT)
         self._raw: Odometry | None = None
         self._scan: Scan | None = None
         self._time_ns = self._scan_ns = -1
@@ -155,11 +154,12 @@ class SafetyMonitor(PortNode[SafetyParams]):
         return Guard(params.sensors, params.setpoints, zone, ages, params.mounting)
 
     def _listen_for_emergency(self) -> None:
-        """Hear whoever publishes, and what a latched publisher said before."""
+        """Hear whoever publishes, reliably where they offer it, and what a latched publisher said before."""
         self.subscribe('emergency_stop', self._order_emergency, always=True)
         row, silent = TOPICS['emergency_stop'], SubscriptionEventCallbacks(use_default_callbacks=False)
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.create_subscription(row.type, row.name, self._order_emergency, latched, event_callbacks=silent)
+        for durability in (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL):
+            asked = QoSProfile(depth=1, durability=durability)
+            self.create_subscription(row.type, row.name, self._order_emergency, asked, event_callbacks=silent)
 
     def _take_odometry(self, message: Odometry) -> None:
         state, stamp_ns = read_odometry(message), read_stamp(message.header.stamp)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
@@ -161,6 +161,16 @@ def test_a_frozen_scan_is_answered_by_a_stop(stack):
     stack.stopped('scan frozen')
 
 
+def test_a_scan_from_before_the_first_odometry_is_not_compared(graph, stack):
+    ranges = np.arange(100.0, 100.0 + RAYS, dtype=np.float32)
+    stack.scan(SECOND_NS, ranges)
+    graph.until(lambda: stack.node._scan_ns == SECOND_NS, 'the scan')
+    for tenth in range(11, 13):
+        stack.moment(tenth * SECOND_NS // 10, ranges=ranges, ahead=500.0 - 0.3 * tenth)
+    raw = stack.raw(1_200_000_000, yaw=0.1)
+    assert graph.last('setpoint', lambda m: m.twist.twist.linear.x) == raw
+
+
 def test_odometry_that_jumps_is_answered_by_a_stop_until_it_is_steady(stack):
     stack.sail(SECOND_NS)
     stack.moment(1_100_000_000, ahead=100.0)
@@ -219,6 +229,13 @@ def test_the_emergency_stop_is_a_topic_for_any_publisher(graph, stack, durabilit
     graph.until(publisher.get_subscription_count, 'a listener')
     publisher.publish(Bool(data=True))
     stack.stopped('emergency stop')
+
+
+def test_the_emergency_stop_is_asked_for_in_every_way(graph, stack):
+    reliable, latched = ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL
+    ends = graph.other.get_subscriptions_info_by_topic('emergency_stop')
+    found = {(end.qos_profile.reliability == reliable, end.qos_profile.durability == latched) for end in ends}
+    assert found == {(False, False), (True, False), (True, True)}
 
 
 def test_an_emergency_stop_that_was_latched_before_is_heard(graph, clock):
