@@ -208,7 +208,7 @@ class GlobalPlanner(PortNode[GlobalPlannerParams]):
         try:
             ends = [read_pose(request.start)[:2], read_pose(request.goal)[:2]]
         except MessageError as error:
-            self.refuse('get_plan', str(error))
+            self._fail('INVALID_POSE', str(error))
             return None
         return Itinerary(self.worker, ends, self.params.seed, read_stamp(request.goal.header.stamp))
 

@@ -235,6 +235,7 @@ def test_requests_are_answered_and_outlive_goals(bridge: Bridge, chart: Path) ->
         (LAND, GOAL, 'START_OCCUPIED'),
         (START, LAND, 'GOAL_OCCUPIED'),
         (START, (9999.0, 0.0), 'GOAL_OUTSIDE_MAP'),
+        (START, (float('nan'), 0.0), 'INVALID_POSE'),
     ],
 )
 def test_a_request_that_fails_has_an_empty_path_and_a_reason(
