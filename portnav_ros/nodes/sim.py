@@ -153,7 +153,7 @@ class Sim(PortNode[SimParams]):
         self._tick = 0
         self._command, self._command_ns = NEUTRAL, -1
         self._least_clearance = self.world.clearance[0].copy()
-        self._progress_s = self._begin_s = time.monotonic()
+        self._progress_s = self._begin_s = self._due_s = time.monotonic()
         self._started_s = float('nan')
         self._topics.begin()
         self._topics.publish_episode(0, tuple(self._least_clearance))
@@ -225,11 +225,11 @@ class Sim(PortNode[SimParams]):
         return self._tick * TICK_S / max(self._progress_s - self._started_s, 1e-9) if self._tick else 0.0
 
     def _follow_clock(self) -> None:
-        if self.held:
-            return
         now_s, period_s = time.monotonic(), TICK_S / self.params.rate
         if self._tick == 0:
             self._due_s = now_s
+        if self.held:
+            return
         behind = math.floor((now_s - self._due_s) / period_s) + 1
         self._due_s += behind * period_s
         for _ in range(min(behind, MAX_CATCH_UP_TICKS)):

@@ -119,6 +119,12 @@ def test_services_reset_step_and_disable(graph, scenario):
     assert sim.world.own[0, :3] == pytest.approx(scenario.start)
 
 
+def test_a_step_by_hand_in_real_time_sets_the_world_going(graph):
+    sim = graph.add(Sim, scenario='crossing')
+    assert graph.call(Trigger, 'sim/step').success
+    graph.until(lambda: sim.time_ns > 2 * TICK_NS)
+
+
 def test_without_commands_the_actuators_go_neutral(graph, scenario):
     graph.listen('diagnostics')
     sim = graph.add(Sim, scenario='crossing', rate=20.0, hold_until_plan=False)
