@@ -17,7 +17,17 @@ Ranges = Mapping[str, tuple[float, float]]  # closed interval of each field that
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """Takes 1e-3 for a number, as YAML 1.2 and ROS do."""
+    """Takes 1e-3 for a number, as YAML 1.2 and ROS do, and refuses a key that stands there twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[tuple[str, str]] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                if (key.tag, key.value) in seen:
+                    problem = f'key {key.value!r} stands there twice; make one of the two'
+                    raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
+                seen.add((key.tag, key.value))
+        return dict(super().construct_mapping(node, deep))
 
 
 _Loader.add_implicit_resolver(
@@ -33,7 +43,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
     """Read a YAML mapping.
 
     Raises:
-        ParamError: the file is missing, is not YAML or is not a mapping.
+        ParamError: the file is missing, is not YAML, is not a mapping or has a key twice.
     """
     try:
         values = yaml.load(path.read_text(encoding='utf-8'), _Loader)

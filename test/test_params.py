@@ -139,6 +139,7 @@ def test_a_number_needs_no_point(tmp_path, text):
         (b'\xff\xfe', 'not valid YAML'),
         (b'- a\n- b\n', 'expected a mapping'),
         (b'', 'expected a mapping'),
+        (b'a: {b: 1, c: 2, b: 3}', "not valid YAML: key 'b' stands there twice"),
     ],
 )
 def test_broken_yaml_names_the_file(tmp_path, text, message):
