@@ -31,6 +31,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Print one line for each mistake; returns 2 where there is one."""
     if arguments.tables:
         print(tables(), end='')
+    elif not arguments.files:
+        raise ParamError('name a FILE, or give --tables')
     found = [line for file in arguments.files for line in check_file(file)]
     for line in found:
         print(line)

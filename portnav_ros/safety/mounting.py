@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -28,7 +27,7 @@ class Mounting:
     ranges: ClassVar[Ranges] = {
         'x_m': (-250.0, 250.0),
         'y_m': (-40.0, 40.0),
-        'yaw_rad': (-math.pi, math.pi),
+        'yaw_rad': (-3.1416, 3.1416),  # pi, as people write it
     }
 
     def __post_init__(self) -> None:

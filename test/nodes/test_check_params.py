@@ -52,6 +52,7 @@ def complaints(tmp_path: Path, text: str) -> list[str]:
             'sim: {1: 2, seed: 1e3, rate: .nan}',
             ["sim: unknown key '1'", 'sim: seed: expected int', 'sim: rate = nan is'],
         ),
+        ('dwa_planner: {mounting: {yaw_rad: -3.1416}}', []),
         ('sim: {use_sim_time: true, qos_overrides./odom.publisher.depth: 5}', []),
     ],
 )
@@ -102,6 +103,11 @@ def test_the_exit_code_tells_whether_there_is_a_mistake(tmp_path, capsys):
     assert main(['check-params', str(config_path('portnav.yaml')), str(wrong), str(tmp_path / 'no')]) == 2
     lines = capsys.readouterr().out.splitlines()
     assert [line.partition(': ')[0] for line in lines] == [str(wrong), str(wrong), str(tmp_path / 'no')]
+
+
+def test_no_file_is_a_mistake(capsys):
+    assert main(['check-params']) == 2
+    assert 'name a FILE' in capsys.readouterr().err
 
 
 def test_the_bringup_refuses_the_same_before_it_starts_anything(tmp_path):
