@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import signal
 import time
 from collections import Counter
@@ -19,8 +20,9 @@ from tqdm import tqdm
 from portnav_ros.evaluation.driver.checks import check_driver
 from portnav_ros.evaluation.driver.moves import STEPS, Step, check_moves, command_of, moves_left_out
 from portnav_ros.evaluation.driver.record import DriverRecord, Expected, Finding, Move
+from portnav_ros.nodes.domain_lock import read_domain
 from portnav_ros.nodes.driver_probe import SPIN_S, DriverProbe, SpinOnce
-from portnav_ros.nodes.preparation import make_options, read_configuration
+from portnav_ros.nodes.preparation import DISCOVERY, make_options, read_configuration
 from portnav_ros.params import ParamError
 from portnav_ros.sim.difficulty import load_difficulty, load_vessel
 from portnav_ros.types import Actuation
@@ -56,12 +58,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check a driver; returns 1 if any check failed, else 0."""
+    """Check a driver; returns 1 if any check failed, else 0.
+
+    Raises:
+        ParamError: the options cannot be used.
+        DomainError: ROS_DOMAIN_ID is no domain.
+    """
     if not (1.0 <= arguments.seconds <= 3600.0 and arguments.room > 0.0):
         raise ParamError('--seconds must lie in [1, 3600], and --room above 0')
     if arguments.move and arguments.difficulty is None:
         raise ParamError('--move needs --difficulty: the vessel that it names decides what is gentle')
+    if arguments.json and not arguments.json.resolve().parent.is_dir():
+        raise ParamError(f'--json {arguments.json}: make the folder first')
     expected = _expected(arguments.difficulty)
+    read_domain(os.environ)
+    os.environ.setdefault(*DISCOVERY)  # as for `portnav up`
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     executor = EventsExecutor()
@@ -73,10 +84,10 @@ def run(arguments: argparse.Namespace) -> int:
     finally:
         probe.destroy_node()
         rclpy.try_shutdown()
+    print('\n'.join(table(findings)))
     if arguments.json:
         text = json.dumps([finding._asdict() for finding in findings], indent=2)
         arguments.json.write_text(text + '\n', encoding='utf-8')
-    print('\n'.join(table(findings)))
     return 1 if any(finding.status == 'fail' for finding in findings) else 0
 
 

@@ -282,9 +282,18 @@ def test_without_a_driver_the_command_fails_and_says_so(monkeypatch, tmp_path, c
 
 
 @pytest.mark.parametrize(
-    'options', [['--seconds', '0'], ['--room', '-1'], ['--difficulty', 'nowhere'], ['--move']]
+    'options',
+    [
+        ['--seconds', '0'],
+        ['--room', '-1'],
+        ['--difficulty', 'nowhere'],
+        ['--move'],
+        ['--json', 'no_folder/a.json'],
+        ['--seconds', '1'],  # the domain alone is wrong
+    ],
 )
-def test_mistakes_in_the_options(options, capsys):
+def test_mistakes_in_the_options(options, monkeypatch, capsys):
+    monkeypatch.setenv('ROS_DOMAIN_ID', 'one')
     assert cli.main(['check-driver', *options]) == 2
     assert 'portnav: error' in capsys.readouterr().err
 
