@@ -36,8 +36,12 @@ def send(node, x_m, y_m):
 
 
 def main():
-    """Say what became of the goal; exit code 1 if there is no plan."""
-    x_m, y_m = map(float, sys.argv[1:])
+    """Say what became of the goal; exit code 1 if there is no plan, 2 if there is no goal."""
+    try:
+        x_m, y_m = map(float, sys.argv[1:])
+    except ValueError:
+        print('usage: send_goal.py X Y, two numbers in m', file=sys.stderr)
+        return 2
     rclpy.init()
     node = rclpy.create_node('send_goal')
     answer = send(node, x_m, y_m)

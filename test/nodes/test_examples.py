@@ -159,6 +159,13 @@ def test_a_goal_is_sent_until_a_plan_ends_there(graph):
     assert answer.result() == 3
 
 
+@pytest.mark.parametrize('words', [[], ['1'], ['a', 'b'], ['1', '2', '3']])
+def test_a_goal_is_two_numbers(monkeypatch, capsys, words):
+    monkeypatch.setattr(sys, 'argv', ['send_goal.py', *words])
+    assert sender.main() == 2
+    assert 'X Y' in capsys.readouterr().err
+
+
 def test_the_switch_stops_until_it_says_go(graph):
     switch = switches.Switch(graph.other)
     assert [switch.order(line) for line in ('\n', 'go\n', 'no\n')] == ['STOP', 'go', 'STOP']
