@@ -120,6 +120,11 @@ def test_run_hands_the_rest_of_the_line_to_the_node(monkeypatch):
     assert seen == ['sim', '--ros-args', '-p', 'seed:=3']
 
 
+def test_run_tells_the_parameters_of_a_node(capsys):
+    assert cli.main(['run', 'pid_controller', '--help']) == 0
+    assert '`odom_age_s`' in capsys.readouterr().out
+
+
 def test_run_refuses_an_unknown_node(capsys):
     with pytest.raises(SystemExit):
         cli.main(['run', 'simulator'])

@@ -32,9 +32,14 @@ def tables() -> str:
         for field in dataclasses.fields(defaults)
         if dataclasses.is_dataclass(value := getattr(defaults, field.name))
     }
-    parts = [_section(f'`{name}`', defaults) for name, defaults in nodes.items()]
+    parts = [table_of(name) for name in nodes]
     parts += [_section(f'Group `{name}`', group) for name, group in sorted(groups, key=lambda pair: pair[0])]
     return '\n'.join([HEAD, *parts])
+
+
+def table_of(node: str) -> str:
+    """Return the table of one node."""
+    return _section(f'`{node}`', defaults_of(node))
 
 
 def _section(title: str, params: Any) -> str:

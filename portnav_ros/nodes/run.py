@@ -6,6 +6,7 @@ import argparse
 import importlib
 import sys
 
+from portnav_ros.nodes.parameter_tables import table_of
 from portnav_ros.nodes.table import NAMES
 
 
@@ -21,7 +22,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the node in this process until it ends; returns its exit code."""
+    """Run the node in this process until it ends, or tell its parameters; returns the exit code."""
+    if {'-h', '--help'} & set(arguments.arguments):
+        usage = f'usage: portnav run {arguments.node} --ros-args -p NAME:=VALUE ... -r OLD:=NEW ...'
+        print(f'{usage}\n\n{table_of(arguments.node)}\nGroups: docs/parameters.md', flush=True)
+        return 0
     module = importlib.import_module(f'portnav_ros.nodes.{arguments.node}')
     sys.argv = [arguments.node, *arguments.arguments]
     return int(module.main() or 0)
