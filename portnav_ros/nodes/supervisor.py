@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # it loads ROS, which is better done while the nodes start
     from portnav_ros.nodes.lifecycle_manager import LifecycleManager
 
 REFUSED = (2, 3)  # exit codes of a node: its parameters, chart or scenario; no model
-MANAGE_S = 0.2  # between two looks at what the manager has to do, if it waits for nothing
+MANAGE_S = 0.5  # between two looks at what the manager has to do, if it waits for nothing
 LOOK_S = 0.005  # that it may take for a look
 
 
@@ -95,7 +95,7 @@ class Supervisor:
         self._manager: LifecycleManager | None = None
         self._running: dict[str, NodeProcess] = {}
         self._deaths = dict.fromkeys(self._commands, 0)
-        self._restart_at_s: dict[str, float] = {}
+        self._restart_at_s, self._manage_at_s = dict[str, float](), 0.0
         self._selector = selectors.DefaultSelector()
 
     def __enter__(self) -> Self:
@@ -181,9 +181,10 @@ class Supervisor:
 
     def _manage(self) -> list[Report]:
         """Let the manager work; tells which nodes have become active, and how long that took."""
-        if self._manager is None:
+        now_s = time.monotonic()
+        if self._manager is None or (now_s < self._manage_at_s and not self._manager.waits(self._pids())):
             return []
-        reports = []
+        self._manage_at_s, reports = now_s + MANAGE_S, []
         for name, active in self._manager.step(self._pids(), LOOK_S).items():
             process = self._running[name]
             after_s = time.monotonic() - process.started_s
