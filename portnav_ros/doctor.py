@@ -54,7 +54,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         const=LISTEN_S,
         type=float,
         metavar='SECONDS',
-        help='look at the nodes that run instead: listen (default: %(const)s s) and say what is wrong',
+        help='look at the nodes that run instead: listen (default: %(const)s s; in less, some may be missed) '
+        'and say what is wrong',
     )
     parser.add_argument(
         '--json', nargs='?', const='-', metavar='FILE', help='write JSON to FILE (or standard output)'

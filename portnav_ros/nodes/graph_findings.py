@@ -27,6 +27,7 @@ SINGLE = ('odom', 'scan', 'joint_states', 'clock', 'cmd_actuators', 'map', 'plan
 AGES_S = {'odom': 0.5, 'scan': 0.5, 'setpoint_raw': 1.5, 'setpoint': 1.5, 'cmd_actuators': 1.0}
 LEAST_SHARE = 0.5  # of a topic's rate: below it, the contract is broken
 OVERRUNS_SHARE = 0.05
+HUNG = '; where it runs, it hangs: end it first'  # what hangs is not discovered
 ACTIVE, RUNNING, WAITING = 'active', 'RUNNING', 'waiting for'
 ADVICE = {  # by what a message holds, the first that fits
     'QoS': 'see the topic below',
@@ -39,6 +40,8 @@ ADVICE = {  # by what a message holds, the first that fits
     'scan': f'see `scan`; it comes from {DRIVER}',
     'setpoint': 'see the local planner and safety_monitor',
     'cmd_actuators': 'see pid_controller',
+    'no commands': 'see pid_controller',
+    'disabled': 'enable the driver by its service ~/enable, once it is safe to',
 }
 
 
@@ -146,10 +149,10 @@ def _gaps(graph: Graph) -> Iterator[Finding]:
         listening = [end.node for end in subscribers if end.node != RECORDER]
         if listening and not publishers:
             found = f'nobody publishes it; listening: {", ".join(sorted(set(listening)))}'
-            yield Finding(topic, 'fail', found, f'start {sender}')
+            yield Finding(topic, 'fail', found, f'start {sender}{HUNG}')
         if publishers and not listening and topic in OBEYING:
             found = f'{publishers[0].node} publishes it and nobody obeys'
-            yield Finding(topic, 'fail', found, f'start {OBEYING[topic]}')
+            yield Finding(topic, 'fail', found, f'start {OBEYING[topic]}{HUNG}')
 
 
 def _node(graph: Graph, node: str) -> Iterator[Finding]:
@@ -215,7 +218,8 @@ def _inputs(graph: Graph, node: str) -> Iterator[Finding]:
     for topic in TOPICS:
         if reason := status.values.get(f'refused_{topic}_reason'):
             senders = ', '.join(end.node for end in graph.ends(topic).publishers) or 'its publisher'
-            found = f'{node} has refused {status.values.get(f"refused_{topic}")}, the last because: {reason}'
+            count = status.values.get(f'refused_{topic}')
+            found = f'{node} has refused {count} since activation, the last because: {reason}'
             yield Finding(topic, 'warn', found, f'mend {senders}')
         deaf = any(node == pair.subscriber for pair in _pairs(graph, topic))
         if status.values.get('state', ACTIVE) == ACTIVE and not (graph.standstill or deaf):
