@@ -254,6 +254,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     out = arguments.out or default_folder(options.seed)
     print(f'{", ".join(spec.name for spec in options.nodes)} in {out}', flush=True)
+    if warning := _foreign_port(options):
+        print(f'portnav: warning: {warning}', file=sys.stderr)
     try:
         result = sail(options, configuration, out, _announce)
     except DomainBusyError as error:
@@ -262,6 +264,14 @@ def run(arguments: argparse.Namespace) -> int:
     sailed = f'{result.time_s:.0f} s sailed; ' if result.time_s else ''  # a vessel's driver tells no time
     print(f'{result.message}\n{sailed}everything is in {out}')
     return result.code
+
+
+def _foreign_port(options: GraphOptions) -> str:
+    """What is odd about sailing something else than the sim on a port that was never asked for."""
+    if 'sim' not in options.without or options.chart or options.scenario:
+        return ''
+    port = f'the random port {options.seed} of {options.difficulty}'
+    return f'no --chart: routes are planned on {port}, which no vessel but a simulated one is in'
 
 
 def _announce(report: Report) -> None:

@@ -243,6 +243,23 @@ def test_the_command_line_goes_before_the_configuration(tmp_path):
     assert options_from(parse('--lock-step'), {})[0].lock_step
 
 
+@pytest.mark.parametrize(
+    ('words', 'odd'),
+    [
+        ([], False),
+        (['--without', 'sim'], True),
+        (['--without', 'sim', '--chart', 'a.geojson'], False),
+        (['--without', 'sim', '--scenario', 'crossing'], False),
+    ],
+)
+def test_a_vessel_on_a_random_port_is_warned_of(monkeypatch, tmp_path, capsys, words, odd):
+    monkeypatch.setattr(
+        bringup, 'sail', lambda *_: bringup.GraphResult(Exit.SUCCESS, Outcome.SUCCESS, '', 0.0, 0.0)
+    )
+    assert bringup.run(parse('--out', str(tmp_path), *words)) == Exit.SUCCESS
+    assert ('no --chart' in capsys.readouterr().err) == odd
+
+
 def test_an_unknown_key_of_the_configuration_is_refused(tmp_path):
     file = tmp_path / 'mine.yaml'
     file.write_text('bringup: {sed: 5}')
