@@ -153,7 +153,7 @@ class Sim(PortNode[SimParams]):
         self._tick = 0
         self._command, self._command_ns = NEUTRAL, -1
         self._least_clearance = self.world.clearance[0].copy()
-        self._progress_s = self._begin_s = self._due_s = time.monotonic()
+        self._progress_s = self._due_s = time.monotonic()
         self._started_s = float('nan')
         self._topics.begin()
         self._topics.publish_episode(0, tuple(self._least_clearance))
