@@ -28,13 +28,15 @@ AGES_S = {'odom': 0.5, 'scan': 0.5, 'setpoint_raw': 1.5, 'setpoint': 1.5, 'cmd_a
 LEAST_SHARE = 0.5  # of a topic's rate: below it, the contract is broken
 OVERRUNS_SHARE = 0.05
 HUNG = '; where it runs, it hangs: end it first'  # what hangs is not discovered
-ACTIVE, RUNNING, WAITING = 'active', 'RUNNING', 'waiting for'
+ACTIVE, RUNNING, WAITING, PLANNED = 'active', 'RUNNING', 'waiting for', 'planned'
 ADVICE = {  # by what a message holds, the first that fits
     'QoS': 'see the topic below',
     'refused': 'see the topic below',
     'trained for': 'take a model trained for this vessel, or another planner',
     'emergency': 'ros2 service call /safety_monitor/emergency_stop std_srvs/srv/SetBool "{data: false}"',
     'room': 'make room by hand; where nothing is near, see the zones in docs/safety.md',
+    'GOAL_': 'send a goal on the chart, further from its quays',
+    'START_': 'see `odom`: by the chart, the vessel lies on a quay, or too close to one',
     'no plan': 'send a goal on `goal_pose`, and see global_planner',
     'odom': f'see `odom`; it comes from {DRIVER}',
     'scan': f'see `scan`; it comes from {DRIVER}',
@@ -86,6 +88,12 @@ class Graph(NamedTuple):
             return sim.message
         outcome = sim.values.get('outcome', RUNNING)
         return '' if outcome == RUNNING else f'the episode has ended: {outcome}'
+
+    @property
+    def unplanned(self) -> bool:
+        """Whether the global planner has nothing to publish, as there is no goal yet."""
+        planner = self.statuses.get('global_planner')
+        return planner is not None and planner.message != PLANNED
 
 
 def judge(graphs: Sequence[Graph], place: str) -> list[Finding]:
@@ -230,7 +238,7 @@ def _flow(graph: Graph, topic: str, node: str, status: Status) -> Iterator[Findi
     age_s, behind_s = status.number(f'{topic}_age_s'), status.number(f'{topic}_behind_s')
     rate_hz, limit_s = TOPICS[topic].rate_hz * _pace(graph), AGES_S.get(topic, math.inf) / _pace(graph)
     publishers = ', '.join(end.node for end in graph.ends(topic).publishers)
-    if not publishers:
+    if not publishers or (topic == 'plan' and graph.unplanned):
         return
     if age_s == math.inf and topic in SENDERS:
         mend = f'see {publishers}; where it is well: the network, or ROS_AUTOMATIC_DISCOVERY_RANGE'

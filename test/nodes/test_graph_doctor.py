@@ -178,6 +178,14 @@ def test_while_the_world_stands_still_nothing_is_too_old(sim):
     assert not wrong(saying(graph, 'sim', **sim))
 
 
+def test_without_a_goal_no_plan_is_missed():
+    graph = saying(well(), 'dwa_planner', level=1, message='stop: no plan', plan_age_s='inf')
+    finding = only(saying(graph, 'global_planner', message='no goal yet'))
+    assert (finding.check, finding.status) == ('dwa_planner', 'warn')
+    assert 'send a goal' in finding.mend
+    assert 'plan' in [found.check for found in wrong(saying(graph, 'global_planner', message='planned'))]
+
+
 def test_refused_messages_and_why():
     finding = only(
         saying(
