@@ -1,11 +1,13 @@
 """Send the vessel to a point of the map, as RViz's "2D Goal Pose" does: send_goal.py X Y, in m."""
 
+import contextlib
 import math
 import sys
 
 import rclpy
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
+from rclpy.executors import ExternalShutdownException
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 
@@ -45,7 +47,8 @@ def main():
     rclpy.init()
     node = rclpy.create_node('send_goal')
     answer = send(node, x_m, y_m)
-    rclpy.spin_until_future_complete(node, answer, timeout_sec=PATIENCE_S)
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin_until_future_complete(node, answer, timeout_sec=PATIENCE_S)
     rclpy.try_shutdown()
     found = (
         f'a plan of {answer.result()} points' if answer.done() else 'no plan: see the log of global_planner'
