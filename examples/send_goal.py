@@ -10,6 +10,7 @@ from nav_msgs.msg import Path
 from rclpy.executors import ExternalShutdownException
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
+from rclpy.utilities import remove_ros_args
 
 REPEAT_S = 2.0  # a planner that is not active yet does not hear a goal
 PATIENCE_S = 180.0  # the first start of a graph compiles kernels
@@ -40,7 +41,7 @@ def send(node, x_m, y_m):
 def main():
     """Say what became of the goal; exit code 1 if there is no plan, 2 if there is no goal."""
     try:
-        x_m, y_m = map(float, sys.argv[1:])
+        x_m, y_m = map(float, remove_ros_args(sys.argv)[1:])
     except ValueError:
         print('usage: send_goal.py X Y, two numbers in m', file=sys.stderr)
         return 2
