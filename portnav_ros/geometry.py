@@ -53,6 +53,18 @@ def resample_polyline(points: Array, spacing_m: float) -> Array:
     return np.column_stack([np.interp(at, lengths, points[:, axis]) for axis in (0, 1)])
 
 
+def spaced_polyline(points: Array, spacing_m: float) -> Array:
+    """Return a polyline [W, 2] as it is where its points are about `spacing_m` apart, else resampled.
+
+    The last segment may be short, and a chord in a bend is shorter than its arc.
+    """
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    if len(points) < 2 or not steps.any():
+        return points
+    even = steps.max() <= 1.05 * spacing_m and (len(steps) == 1 or steps[:-1].min() >= 0.5 * spacing_m)
+    return points if even else resample_polyline(points, spacing_m)
+
+
 def polyline_yaws(points: Array) -> Array:
     """Tangent direction in rad at each vertex of a polyline [W, 2], unwrapped."""
     tangent = np.gradient(points, axis=0)

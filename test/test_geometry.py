@@ -72,3 +72,21 @@ def test_yaws_of_a_circle_turn_once_without_a_jump():
     yaws = geometry.polyline_yaws(np.column_stack([np.cos(angle), np.sin(angle)]))
     assert np.all(np.diff(yaws) > 0.0)
     assert yaws[180] == pytest.approx(angle[180] + math.pi / 2, abs=0.02)
+
+
+@pytest.mark.parametrize('spacing', [0.1, 4.0, 13.0, 1000.0])
+def test_a_polyline_of_other_spacing_is_resampled(spacing):
+    line = np.column_stack(
+        [np.append(np.arange(0.0, 1000.0, spacing), 1000.0), np.zeros(math.ceil(1000.0 / spacing) + 1)]
+    )
+    spaced = geometry.spaced_polyline(line, 10.0)
+    assert_allclose(spaced, np.column_stack([np.arange(0.0, 1001.0, 10.0), np.zeros(101)]), atol=1e-9)
+
+
+def test_a_polyline_that_is_spaced_already_stays_to_the_bit():
+    angle = np.linspace(0.0, 3.0, 40)
+    bend = 130.0 * np.column_stack([np.cos(angle), np.sin(angle)])
+    spaced = geometry.resample_polyline(bend, 10.0)
+    assert geometry.spaced_polyline(spaced, 10.0) is spaced
+    empty = np.zeros((0, 2))
+    assert geometry.spaced_polyline(empty, 10.0) is empty

@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import JointState, LaserScan
 
-from portnav_ros.geometry import wrap_angle
+from portnav_ros.geometry import spaced_polyline, wrap_angle
 from portnav_ros.nodes.inputs import Inputs
 from portnav_ros.nodes.messages import (
     SECOND_NS,
@@ -154,7 +154,7 @@ class LocalPlanner(PortNode[PlannerParams]):
             self._watched.begin(tuple(self._path[-1]), self.params.goal_radius_m)
 
     def _take_plan(self, message: Path) -> None:
-        path = read_path(message)
+        path = spaced_polyline(read_path(message), PATH_SPACING_M)
         same = self._path is not None and np.array_equal(path, self._path)
         if same and self._advance is not Advance.GIVE_UP:
             return

@@ -27,6 +27,7 @@ from portnav_ros.types import Actuation, Array, Array32, Scan, Setpoint, VesselS
 SECOND_NS = 1_000_000_000
 JOINTS = ['rudder', 'propulsion']
 OCCUPIED = 100
+LONGEST_M = 1e6  # of a path
 UNKNOWN_VARIANCE = 1e6  # m^2, rad^2 and their rates
 
 
@@ -214,7 +215,7 @@ def read_path(message: Path) -> Array:
     """Return map points [W, 2], W = 0 for a path that says: no plan.
 
     Raises:
-        MessageError: another frame than ``map``, a single point, or one that is not finite.
+        MessageError: another frame than ``map``, a single point, one that is not finite, or longer than LONGEST_M.
     """
     _check_frame(message.header.frame_id, MAP_FRAME)
     points = np.array([[p.pose.position.x, p.pose.position.y] for p in message.poses]).reshape(-1, 2)
@@ -222,6 +223,9 @@ def read_path(message: Path) -> Array:
         raise MessageError('poses holds a single point')
     if not np.isfinite(points).all():
         raise MessageError('poses holds a point that is not finite')
+    with np.errstate(over='ignore'):
+        if np.hypot(*np.diff(points, axis=0).T).sum() > LONGEST_M:
+            raise MessageError(f'poses is a path of more than {LONGEST_M:g} m')
     return points
 
 

@@ -229,6 +229,15 @@ def test_the_state_tells_progress_and_errors(graph, patient):
     assert float(values['e_psi_rad']) == pytest.approx(0.1, abs=1e-3)
 
 
+def test_a_plan_of_any_spacing_is_followed_by_its_length(graph, patient):
+    patient.plan(np.array([[-100.0, 0.0], [900.0, 0.0]]))
+    graph.until(lambda: patient.node._path is not None, 'the plan')
+    patient.moment(0)
+    patient.answer(0)
+    state = graph.last('navigation_state', lambda state: 'progress' in read_values(state))
+    assert float(read_values(state)['progress']) == pytest.approx(0.1, abs=1e-3)
+
+
 def test_a_clock_that_jumps_back_begins_anew(patient):
     patient.settle(5 * SECOND_NS)
     patient.answer(5 * SECOND_NS)

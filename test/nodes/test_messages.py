@@ -18,6 +18,7 @@ from portnav_ros.sim.scenario import LidarParams
 from portnav_ros.types import Actuation, Setpoint, VesselState
 
 NUMBER = st.floats(-1e6, 1e6)
+PLACE_M = st.floats(-1e4, 1e4)
 ANGLE = st.floats(-math.pi, math.pi)
 TIME_NS = st.integers(0, 2**31 * 10**9 - 1)
 
@@ -79,7 +80,7 @@ def test_joints_in_either_order(time_ns, rudder, thrust):
     assert messages.read_joints(travel(message)) == (rudder, thrust)
 
 
-@given(st.lists(st.tuples(NUMBER, NUMBER), max_size=20).filter(lambda points: len(points) != 1))
+@given(st.lists(st.tuples(PLACE_M, PLACE_M), max_size=20).filter(lambda points: len(points) != 1))
 def test_path(points):
     points = np.array(points).reshape(-1, 2)
     np.testing.assert_array_equal(messages.read_path(travel(messages.path_message(points, 5))), points)
@@ -177,6 +178,13 @@ def test_a_path_with_a_hole_is_refused():
         messages.read_path(messages.path_message(points, 0))
     with pytest.raises(MessageError, match='single point'):
         messages.read_path(messages.path_message(points[:1], 0))
+
+
+@pytest.mark.parametrize('far_m', [2e6, 1e308])
+def test_a_path_around_the_world_is_refused(far_m):
+    points = np.array([[0.0, 0.0], [10.0, 0.0], [-far_m, far_m]])
+    with pytest.raises(MessageError, match='more than 1e\\+06 m'):
+        messages.read_path(messages.path_message(points, 0))
 
 
 def test_what_a_vessel_in_a_plane_does_not_tell_is_not_to_be_trusted():
