@@ -215,7 +215,7 @@ def read_path(message: Path) -> Array:
     """Return map points [W, 2], W = 0 for a path that says: no plan.
 
     Raises:
-        MessageError: another frame than ``map``, a single point, one that is not finite, or LONGEST_M exceeded.
+        MessageError: another frame than ``map``, a single point, one that is not finite, or too long a path.
     """
     _check_frame(message.header.frame_id, MAP_FRAME)
     points = np.array([[p.pose.position.x, p.pose.position.y] for p in message.poses]).reshape(-1, 2)

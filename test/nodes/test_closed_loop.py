@@ -1,4 +1,4 @@
-"""Sim, planner, safety monitor and autopilot sail a port by the clock, faster than real time, to the end of the plan."""
+"""Sim, planner, safety monitor and autopilot sail a port by the clock, faster than real time, to its end."""
 
 import numpy as np
 
