@@ -24,7 +24,7 @@ from portnav_ros.nodes.messages import (
 from portnav_ros.nodes.parameters import NodeParams
 from portnav_ros.nodes.runtime import Health, PortNode, run_node
 from portnav_ros.params import Ranges, check_ranges
-from portnav_ros.safety.braking import AsternBound
+from portnav_ros.safety.braking import ThrustBound
 from portnav_ros.safety.rivals import RivalWatch
 from portnav_ros.types import STATE_SIZE, YAW, Actuation, Setpoint
 from portnav_ros.vessel import VesselParams
@@ -43,11 +43,11 @@ class PidParams(NodeParams):
     lock_step: wait for the setpoint of the present decision before answering. planner_period_s: of the
     local planner. setpoint_age_s: age of the setpoint past which the vessel is stopped. odom_age_s: the same
     for odometry, past which commands are neutral. release_s: time without any reason to stop before a
-    stop ends. rate: simulated seconds per second. astern_s: longest time of astern thrust on end; 0 is
-    half as long again as a stop from full speed takes. period_s: of the odometry, for the first step.
-    limit_rates: change commands no faster than the vessel's actuators move (rudder_rate_radps,
-    thrust_rate_nps), for a driver that passes them on as they come; the simulated actuators, like most
-    steering gears, have a rate of their own, and limiting twice costs agility.
+    stop ends. rate: simulated seconds per second. astern_s: longest time of astern thrust on end, during
+    a stop of thrust ahead, too; 0 is half as long again as a stop from full speed takes. period_s: of the
+    odometry, for the first step. limit_rates: change commands no faster than the vessel's actuators move
+    (rudder_rate_radps, thrust_rate_nps), for a driver that passes them on as they come; the simulated
+    actuators, like most steering gears, have a rate of their own, and limiting twice costs agility.
     """
 
     preset: str = 'shuttle'
@@ -95,7 +95,7 @@ class PidController(PortNode[PidParams]):
         limits_s = {ODOM: self.params.odom_age_s, SETPOINT: self.params.setpoint_age_s}
         clock = None if self.lock_step else lambda: self.steady_s()
         self._inputs = Inputs(limits_s, self.params.rate, self.params.release_s, clock)
-        self._astern = AsternBound(self.params.astern_s, self.params.vessel)
+        self._bound = ThrustBound(self.params.astern_s, self.params.vessel)
         self.get_logger().info('the first start compiles the autopilot, a few seconds')
         steer(self._gains, self._model, np.zeros(PID_SIZE), self._own, 0.0, 0.0, self.params.period_s)
         self._message = new_joints()
@@ -120,14 +120,14 @@ class PidController(PortNode[PidParams]):
             'time_ns': self._time_ns,
             'setpoint_ns': self._setpoint_ns,
             'stop_reason': self._stop_reason,
-            'astern_bound': 'reached' if self._astern.reached else '',
+            'thrust_bound': 'reached' if self._bound.reached else '',
         }
         if self._rivalry:
             return Health(DiagnosticStatus.ERROR, f'stop: {self._rivalry}', values)
         if self._stop_reason:
             return Health(DiagnosticStatus.WARN, f'stop: {self._stop_reason}', values)
-        if self._astern.reached:
-            return Health(DiagnosticStatus.WARN, 'astern for too long: thrust is held at 0', values)
+        if self._bound.reached:
+            return Health(DiagnosticStatus.WARN, 'thrust the same way for too long: held at 0', values)
         return Health(values=values)
 
     def _forget(self) -> None:
@@ -136,7 +136,7 @@ class PidController(PortNode[PidParams]):
         self._time_ns, self._setpoint_ns, self._unspent_s = -1, -1, 0.0
         self._setpoint, self._command = Setpoint(0.0, 0.0), NEUTRAL
         self._stop_yaw_rad: float | None = None
-        self._astern.forget()
+        self._bound.forget()
         self._inputs.forget()
 
     def _take_odometry(self, message: Odometry) -> None:
@@ -172,7 +172,7 @@ class PidController(PortNode[PidParams]):
             return
         step_s, self._unspent_s = self._unspent_s, 0.0
         rudder, thrust = steer(self._gains, self._model, self._memory, self._own, *target, step_s)
-        command = Actuation(rudder, self._astern.apply(thrust, step_s))
+        command = Actuation(rudder, self._bound.apply(thrust, step_s, target.speed_mps == 0.0))
         if self.params.limit_rates:
             command = limited(command, self._command, self.params.vessel, step_s)
         self._command = command

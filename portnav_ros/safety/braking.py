@@ -1,4 +1,4 @@
-"""Astern thrust bounded in time: a stop that does not come to its end must not back the vessel away."""
+"""Thrust bounded in time: a stop that does not come to its end must not drive the vessel away."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def stopping_time_s(vessel: VesselParams) -> float:
     return turning_s + vessel.mass_kg / math.sqrt(drag * astern) * braking
 
 
-class AsternBound:
-    """Lets thrust be astern for a bounded time on end."""
+class ThrustBound:
+    """Lets thrust be astern, and during a stop ahead, for a bounded time on end."""
 
     def __init__(self, longest_s: float, vessel: VesselParams) -> None:
         """Bound to a time in s; 0 is half as long again as a stop from full speed takes."""
@@ -31,14 +31,18 @@ class AsternBound:
 
     @property
     def reached(self) -> bool:
-        """Whether no more astern thrust is allowed."""
-        return self._astern_s > self._longest_s
+        """Whether no more thrust the same way is allowed."""
+        return self._spent_s > self._longest_s
 
     def forget(self) -> None:
         """Start anew."""
-        self._astern_s = 0.0
+        self._spent_s, self._ahead = 0.0, False
 
-    def apply(self, thrust_n: float, step_s: float) -> float:
-        """Return the thrust in N, 0 where it has been astern for too long, after another step in s."""
-        self._astern_s = self._astern_s + step_s if thrust_n < 0.0 else 0.0
+    def apply(self, thrust_n: float, step_s: float, stopping: bool) -> float:
+        """Return the thrust in N, 0 where it has been the same way for too long, after another step in s."""
+        ahead = thrust_n > 0.0
+        bounded = thrust_n < 0.0 or (ahead and stopping)
+        on_end = bounded and ahead == self._ahead
+        self._spent_s = (self._spent_s if on_end else 0.0) + (step_s if bounded else 0.0)
+        self._ahead = ahead
         return 0.0 if self.reached else thrust_n

@@ -156,7 +156,24 @@ def test_astern_thrust_ends_after_a_while(graph, clock):
         graph.publish('odom', odometry(tick * TICK_NS))
         assert (answer(graph, tick * TICK_NS).thrust_n < 0.0) == (tick < 19)
     graph.status('pid_controller', lambda status: status.message == 'stop: no setpoint yet')
-    assert node.health().values['astern_bound'] == 'reached'
+    assert node.health().values['thrust_bound'] == 'reached'
+
+
+def test_in_a_stop_thrust_ahead_ends_after_a_while_too(graph, clock):
+    start(graph, clock, odom_age_s=60.0, setpoint_age_s=60.0, release_s=0.0, astern_s=0.98)
+    graph.publish('setpoint', setpoint(0, speed=0.0))
+    graph.last('cmd_actuators', lambda m: read_joints(m).rudder_rad != 0.0)
+    for tick in range(1, 25):
+        graph.publish('odom', odometry(tick * TICK_NS, surge=-0.3))
+        assert (answer(graph, tick * TICK_NS).thrust_n > 0.0) == (tick < 20)
+
+
+def test_under_way_thrust_ahead_is_not_bounded(graph, clock):
+    start(graph, clock, odom_age_s=60.0, setpoint_age_s=60.0, astern_s=0.2)
+    steer_to(graph, 0)
+    for tick in range(1, 10):
+        graph.publish('odom', odometry(tick * TICK_NS))
+        assert answer(graph, tick * TICK_NS).thrust_n > 0.0
 
 
 def test_two_publishers_of_setpoints_stop_the_vessel_and_are_named(graph, controller):

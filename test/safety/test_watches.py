@@ -1,8 +1,8 @@
-"""Progress along the plan, astern thrust on end, and publishers where one belongs."""
+"""Progress along the plan, thrust one way on end, and publishers where one belongs."""
 
 import pytest
 
-from portnav_ros.safety.braking import AsternBound, stopping_time_s
+from portnav_ros.safety.braking import ThrustBound, stopping_time_s
 from portnav_ros.safety.progress import Advance, ProgressWatch
 from portnav_ros.safety.rivals import GHOST_S, RivalWatch
 from portnav_ros.vessel import VesselParams
@@ -52,19 +52,33 @@ def test_only_another_goal_is_worth_another_plan(watch, goal, again):
 
 
 def test_astern_thrust_is_bounded_on_end_and_allowed_again_after():
-    bound = AsternBound(2.0, VesselParams())
-    assert [bound.apply(-5.0, 0.75) for _ in range(4)] == [-5.0, -5.0, 0.0, 0.0]
+    bound = ThrustBound(2.0, VesselParams())
+    assert [bound.apply(-5.0, 0.75, False) for _ in range(4)] == [-5.0, -5.0, 0.0, 0.0]
     assert bound.reached
-    assert bound.apply(3.0, 0.75) == 3.0
-    assert bound.apply(-5.0, 0.75) == -5.0
+    assert bound.apply(3.0, 0.75, False) == 3.0
+    assert bound.apply(-5.0, 0.75, False) == -5.0
+
+
+def test_thrust_ahead_is_bounded_only_during_a_stop():
+    bound = ThrustBound(2.0, VesselParams())
+    assert [bound.apply(5.0, 0.75, False) for _ in range(9)] == [5.0] * 9
+    assert [bound.apply(5.0, 0.75, True) for _ in range(4)] == [5.0, 5.0, 0.0, 0.0]
+    assert bound.apply(5.0, 0.75, False) == 5.0
+
+
+def test_the_other_way_is_counted_anew():
+    bound = ThrustBound(2.0, VesselParams())
+    thrusts = (-5.0, -5.0, 5.0, 5.0, -5.0, -5.0, 0.0, -5.0, -5.0)
+    assert [bound.apply(thrust, 0.75, True) for thrust in thrusts] == list(thrusts)
+    assert bound.apply(-5.0, 0.75, True) == 0.0
 
 
 def test_the_bound_leaves_time_for_a_stop_from_full_speed():
     vessel = VesselParams()
-    bound = AsternBound(0.0, vessel)
+    bound = ThrustBound(0.0, vessel)
     seconds = int(stopping_time_s(vessel)) + 1
-    assert [bound.apply(-1.0, 1.0) for _ in range(seconds)] == [-1.0] * seconds
-    assert 0.0 in [bound.apply(-1.0, 1.0) for _ in range(seconds)]
+    assert [bound.apply(-1.0, 1.0, True) for _ in range(seconds)] == [-1.0] * seconds
+    assert 0.0 in [bound.apply(-1.0, 1.0, True) for _ in range(seconds)]
 
 
 def test_a_single_publisher_has_no_rival():
