@@ -20,7 +20,7 @@ from rclpy.node import Node
 from portnav_ros.nodes.domain_lock import read_domain
 from portnav_ros.nodes.faults.graph import GOAL, FaultError, GraphUnderTest
 from portnav_ros.nodes.faults.injector import Injector, Spoil
-from portnav_ros.nodes.faults.verdict import Row, unsafe_for_s
+from portnav_ros.nodes.faults.verdict import Row, stopped_for_s, unsafe_for_s
 from portnav_ros.nodes.faults.witness import Witness
 from portnav_ros.nodes.messages import pose_message
 from portnav_ros.nodes.topics import TOPICS, offered_qos
@@ -29,6 +29,7 @@ PATIENCE_S = 120.0  # by the clock, with a graph that starts or recovers
 GOAL_S = 3.0  # by the clock, after which the diagnostics tell whether a goal was heard
 REASON_S = 20.0  # by the clock: diagnostics come once a second
 SETTLED_S = 0.8  # of safe commands on end, until a stop is believed
+STALL_S = 3.0  # of a stop because the machine stalls: its processes cannot tell that from a lost sensor
 LEAST_SPEED_MPS = 1.2  # before a fault begins
 STEP_S = 0.05
 
@@ -169,14 +170,16 @@ class Rig:
         if fault.limit_s is not None:
             self._await_stop(began_s + fault.limit_s)
         self.sail(fault.hold_s)
+        if fault.limit_s is None:
+            self.until(lambda: self.witness.sailing, 'the vessel to sail on')
         self._ended_s = self.witness.now_s
 
     def _judge(self, fault: Fault, began_s: float) -> Row:
-        if fault.limit_s is None:
-            stopped = any(asked.speed_mps == 0.0 for asked in self.witness.setpoints)
-            complaint = 'the vessel was stopped' if stopped else ''
-            return Row(fault.name, math.nan, math.nan, stopped, False, '', complaint)
         ended_s = min(self._ended_s, self.witness.now_s)
+        if fault.limit_s is None:
+            stopped_s = stopped_for_s(self.witness.setpoints, began_s, ended_s)
+            complaint = f'the vessel was stopped for {stopped_s:.1f} s' if stopped_s > STALL_S else ''
+            return Row(fault.name, math.nan, stopped_s, stopped_s > 0.0, False, '', complaint)
         measured_s = unsafe_for_s(self.witness.commands, began_s, ended_s)
         stopped = measured_s <= fault.limit_s
         complaint = '' if stopped else f'unsafe commands for {measured_s:.2f} s'

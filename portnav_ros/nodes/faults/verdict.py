@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -17,13 +18,21 @@ class Commanded(NamedTuple):
     safe: bool
 
 
+class Asked(NamedTuple):
+    """Speed of a setpoint in m/s at the time in s of the driver when it came."""
+
+    time_s: float
+    speed_mps: float
+
+
 class Row(NamedTuple):
     """What came of one fault.
 
     limit_s: within which the vessel must be stopped, NaN where it must sail on. measured_s: from the fault
-    to the last unsafe command, NaN where it was not to be stopped. stopped: whether the commands stayed safe
-    from the limit on; where it must sail on, whether it was ever told to stop. recovered: whether it
-    sailed again once the fault was gone. reason: in the words of the graph. complaint: why it failed.
+    to the last unsafe command; where it must sail on, how long it was told to stop. stopped: whether the
+    commands stayed safe from the limit on; where it must sail on, whether it was ever told to stop.
+    recovered: whether it sailed again once the fault was gone. reason: in the words of the graph.
+    complaint: why it failed.
     """
 
     name: str
@@ -79,3 +88,10 @@ def unsafe_for_s(commands: Sequence[Commanded], began_s: float, ended_s: float) 
         if not command.safe and command.time_s < ended_s:
             last_s = max(last_s, over_s)
     return last_s - began_s
+
+
+def stopped_for_s(setpoints: Sequence[Asked], began_s: float, ended_s: float) -> float:
+    """Time in s between beginning and end for which the newest setpoint was a stop."""
+    times_s = [min(max(asked.time_s, began_s), ended_s) for asked in setpoints]
+    spans_s = [after - before for before, after in itertools.pairwise([*times_s, ended_s])]
+    return sum(span for span, asked in zip(spans_s, setpoints, strict=True) if asked.speed_mps == 0.0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from fnmatch import fnmatch
-from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry, Path
@@ -14,18 +13,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
 from portnav_ros.nodes.faults.injector import Injector
-from portnav_ros.nodes.faults.verdict import Commanded, DriverClock, is_safe
+from portnav_ros.nodes.faults.verdict import Asked, Commanded, DriverClock, is_safe
 from portnav_ros.nodes.messages import SECOND_NS, read_path, read_stamp, read_values
 from portnav_ros.nodes.topics import TOPICS, offered_qos
 
 STATES = ('safety_state', 'navigation_state')
-
-
-class Asked(NamedTuple):
-    """Speed of a setpoint in m/s at the time in s of the driver when it came."""
-
-    time_s: float
-    speed_mps: float
 
 
 class Witness:

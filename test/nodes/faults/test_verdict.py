@@ -2,7 +2,15 @@
 
 import pytest
 
-from portnav_ros.nodes.faults.verdict import Commanded, DriverClock, Row, is_safe, unsafe_for_s
+from portnav_ros.nodes.faults.verdict import (
+    Asked,
+    Commanded,
+    DriverClock,
+    Row,
+    is_safe,
+    stopped_for_s,
+    unsafe_for_s,
+)
 
 
 def test_only_thrust_ahead_is_unsafe_unless_it_holds_a_stopped_vessel():
@@ -34,6 +42,13 @@ def test_what_is_never_stopped_lasts_to_the_end():
 
 def test_what_ends_after_the_watch_does_not_count():
     assert unsafe_for_s([Commanded(9.9, True), Commanded(12.5, False)], 10.0, 12.0) == 0.0
+
+
+def test_a_stop_lasts_until_the_next_setpoint():
+    setpoints = [Asked(9.0, 5.0), Asked(10.5, 0.0), Asked(10.6, 0.0), Asked(12.5, 4.0), Asked(13.5, 0.0)]
+    assert stopped_for_s(setpoints, 10.0, 14.0) == pytest.approx(2.5)
+    assert stopped_for_s(setpoints, 12.0, 13.0) == pytest.approx(0.5)
+    assert stopped_for_s([], 10.0, 14.0) == 0.0
 
 
 def test_the_time_of_the_driver_goes_on_between_its_stamps():
