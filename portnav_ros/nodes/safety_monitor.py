@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -36,6 +37,7 @@ from portnav_ros.nodes.topics import TOPICS
 from portnav_ros.params import Ranges, check_ranges
 from portnav_ros.safety.ages import Arrival, InputAges
 from portnav_ros.safety.decision import SetpointParams
+from portnav_ros.safety.emergency import SERVICE, TOPIC, EmergencyOrders
 from portnav_ros.safety.guard import ODOM, SCAN, SETPOINT, Decision, Guard
 from portnav_ros.safety.mounting import Mounting
 from portnav_ros.safety.plausibility import PlausibilityParams, ray_misfit
@@ -104,7 +106,7 @@ class SafetyMonitor(PortNode[SafetyParams]):
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, DEFAULTS, **options)
         self.steady_s = time.monotonic
-        self._emergency = False
+        self._orders = EmergencyOrders()
 
     def configure(self) -> None:
         """Compile the rehearsal of a stop, and speak and listen."""
@@ -155,11 +157,12 @@ class SafetyMonitor(PortNode[SafetyParams]):
 
     def _listen_for_emergency(self) -> None:
         """Hear whoever publishes, reliably where they offer it, and what a latched publisher said before."""
-        self.subscribe('emergency_stop', self._order_emergency, always=True)
+        take = partial(self._order, TOPIC)
+        self.subscribe('emergency_stop', take, always=True)
         row, silent = TOPICS['emergency_stop'], SubscriptionEventCallbacks(use_default_callbacks=False)
         for durability in (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL):
             asked = QoSProfile(depth=1, durability=durability)
-            self.create_subscription(row.type, row.name, self._order_emergency, asked, event_callbacks=silent)
+            self.create_subscription(row.type, row.name, take, asked, event_callbacks=silent)
 
     def _take_odometry(self, message: Odometry) -> None:
         state, stamp_ns = read_odometry(message), read_stamp(message.header.stamp)
@@ -218,7 +221,7 @@ class SafetyMonitor(PortNode[SafetyParams]):
         return stamp_ns % self._period_ns != 0
 
     def _decide(self, ordered: str = '') -> Decision:
-        ordered = ordered or (EMERGENCY if self._emergency else self._rivalry)
+        ordered = ordered or (EMERGENCY if self._orders.by else self._rivalry)
         return self._guard.decide(self._steady_s(self._time_ns), ordered)
 
     def _steady_s(self, stamp_ns: int) -> float:
@@ -270,16 +273,14 @@ class SafetyMonitor(PortNode[SafetyParams]):
             self._markers.publish(MarkerArray(markers=[marker]))
 
     def _on_emergency(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self._order_emergency(request)
-        response.success = True
-        response.message = EMERGENCY if self._emergency else 'released'
+        self._order(SERVICE, request)
+        by, response.success = self._orders.by, True
+        response.message = f'{EMERGENCY} by {by}' if by else 'released'
         return response
 
-    def _order_emergency(self, order: Bool | SetBool.Request) -> None:
-        emergency = bool(order.data)
-        if emergency != self._emergency:
-            self.get_logger().warning(EMERGENCY if emergency else 'emergency stop released')
-        self._emergency = emergency
+    def _order(self, way: str, order: Bool | SetBool.Request) -> None:
+        if self._orders.take(way, order.data):
+            self.get_logger().warning(f'{EMERGENCY} {"ordered" if order.data else "released"} by {way}')
         if self.active and not self.lock_step:
             self._act(self._decide())
 

@@ -213,11 +213,37 @@ def test_without_zones_a_wall_ahead_is_the_planners_affair(graph, clock):
 
 def test_the_emergency_stop_is_a_service(graph, stack):
     stack.sail(SECOND_NS)
-    assert graph.call(SetBool, 'safety_monitor/emergency_stop', data=True).message == 'emergency stop'
+    assert (
+        graph.call(SetBool, 'safety_monitor/emergency_stop', data=True).message == 'emergency stop by service'
+    )
     stack.stopped('emergency stop')
     assert graph.heard['safety_state'][-1].level == DiagnosticStatus.ERROR
     graph.call(SetBool, 'safety_monitor/emergency_stop', data=False)
     stack.released(11)
+
+
+@pytest.mark.parametrize('first', ['topic', 'service'])
+def test_an_emergency_stop_by_one_way_is_not_released_by_the_other(graph, stack, first):
+    second = 'service' if first == 'topic' else 'topic'
+
+    def order(way, data):
+        if way == 'topic':
+            graph.publish('emergency_stop', Bool(data=data))
+            graph.until(lambda: ('topic' in stack.node._orders.by) is data, 'the order')
+        else:
+            graph.call(SetBool, 'safety_monitor/emergency_stop', data=data)
+
+    stack.sail(SECOND_NS)
+    order(first, True)
+    stack.stopped('emergency stop')
+    order(second, True)
+    order(second, False)
+    for tenth in range(11, 36):
+        stack.moment(tenth * SECOND_NS // 10)
+        stack.raw(tenth * SECOND_NS // 10)
+    assert stack.state() == 'stop: emergency stop'
+    order(first, False)
+    stack.released(36)
 
 
 @pytest.mark.parametrize('durability', [DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL])
