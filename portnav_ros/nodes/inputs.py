@@ -41,9 +41,7 @@ class Inputs:
             MessageError: the stamp lies in the future.
         """
         arrival = self._ages.note(name, stamp_ns, self._steady_s(stamp_ns))
-        if arrival is Arrival.FUTURE:
-            raise MessageError(arrival.value)
-        return arrival is Arrival.JUMPED
+        return checked(arrival) is Arrival.JUMPED
 
     def is_late(self, name: str, stamp_ns: int) -> bool:
         """Whether an input is missing or too old; stamp_ns: of the newest reference."""
@@ -58,3 +56,10 @@ class Inputs:
 
     def _steady_s(self, stamp_ns: int) -> float:
         return self._clock() if self._clock is not None else stamp_ns / SECOND_NS
+
+
+def checked(arrival: Arrival) -> Arrival:
+    """Return what became of a message; raises MessageError where its stamp lies in the future."""
+    if arrival is Arrival.FUTURE:
+        raise MessageError(arrival.value)
+    return arrival

@@ -1,7 +1,8 @@
 """The manager of a graph's nodes: configures all at once, activates them in order, deactivates in reverse.
 
 Lives in the process of the bringup, which tells it what processes there are and lets it work in small
-bits. It speaks on ``managed_nodes_activated`` (latched) and answers ``lifecycle_manager/is_active``.
+bits. An emergency stop outlives the safety monitor: a new one is told of it before it is activated. The
+manager speaks on ``managed_nodes_activated`` (latched) and answers ``lifecycle_manager/is_active``.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_msgs.msg import Bool
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
+from portnav_ros.nodes.standing_stop import MONITOR, StandingStop
 from portnav_ros.nodes.topics import TOPICS, offered_qos
 
 NAME = 'lifecycle_manager'
@@ -41,6 +43,7 @@ class Step(NamedTuple):
 
 CONFIGURE = Step(Transition.TRANSITION_CONFIGURE, 'configure', INACTIVE)
 ACTIVATE = Step(Transition.TRANSITION_ACTIVATE, 'activate', ACTIVE)
+STOP = Step(0, 'stop', INACTIVE)  # no transition: an emergency stop that a new safety monitor must know of
 DEACTIVATE = Step(Transition.TRANSITION_DEACTIVATE, 'deactivate', INACTIVE)
 
 
@@ -68,9 +71,11 @@ class RemoteNode:
     def __init__(self, node: Node, name: str) -> None:
         self.state = UNKNOWN
         self.step: Step | None = None  # the transition that was asked for last, until it is reached
+        self.stopped = False  # whether it has taken the order to stop
         self._pid: int | None = None
         self._read = node.create_client(GetState, f'{name}/get_state')
         self._change = node.create_client(ChangeState, f'{name}/change_state')
+        self._stop = node.create_client(SetBool, f'{name}/emergency_stop') if name == MONITOR else None
         self._asked: tuple[Client, Future] | None = None
         self._patience_s = self._until_s = 0.0
 
@@ -82,14 +87,22 @@ class RemoteNode:
     def follow(self, pid: int | None) -> None:
         """Take note of its process, None while there is none that is up; nothing is known of a new one."""
         if pid != self._pid:
-            self._pid, self._patience_s = pid, GREETING_S
+            self._pid, self._patience_s, self.stopped = pid, GREETING_S, False
             self._forget()
 
     def ask(self, step: Step, now_s: float) -> None:
-        """Ask for a transition."""
+        """Ask for a transition, or for a stop, once it is there to be asked for."""
+        if step is STOP:
+            self._ask_stop(now_s)
+            return
         self.step, self._until_s = step, now_s + ANSWER_S
         request = ChangeState.Request(transition=Transition(id=step.number))
         self._asked = self._change, self._change.call_async(request)
+
+    def _ask_stop(self, now_s: float) -> None:
+        if self._stop is not None and self._stop.service_is_ready():
+            self.step, self._until_s = STOP, now_s + ANSWER_S
+            self._asked = self._stop, self._stop.call_async(SetBool.Request(data=True))
 
     def listen(self, now_s: float) -> None:
         """Take the answer; read the state where it is not known, or where no answer has come in time."""
@@ -111,6 +124,7 @@ class RemoteNode:
             self.state = answer.current_state.label if known else UNKNOWN
         elif answer.success and self.step is not None:
             self.state = self.step.target
+            self.stopped = self.stopped or self.step is STOP
         else:
             self.state = UNKNOWN
         if self.step is not None and self.state == self.step.target:
@@ -139,6 +153,7 @@ class LifecycleManager:
         self._executor.add_node(self._node)
         self._remotes = {name: RemoteNode(self._node, name) for name in names}
         self._node.create_service(Trigger, '~/is_active', self._answer)
+        self._standing = StandingStop(self._node)
         row = TOPICS[ACTIVATED]
         self._publisher = self._node.create_publisher(row.type, row.name, offered_qos(row))
         self._rising = True
@@ -161,8 +176,10 @@ class LifecycleManager:
             remote.listen(now_s)
         states = self._states(pids)
         for name, step in due(states, self._rising).items():
-            if self._remotes[name].idle:
-                self._remotes[name].ask(step, now_s)
+            remote = self._remotes[name]
+            unaware = name == MONITOR and self._standing.in_force and not remote.stopped
+            if remote.idle:
+                remote.ask(STOP if step is ACTIVATE and unaware else step, now_s)
         if (active := set(states.values()) == {ACTIVE}) != self._active:
             self._tell(active)
         reached = [

@@ -11,13 +11,13 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 from visualization_msgs.msg import MarkerArray
 
 from portnav_ros.control.autopilot import AutopilotParams
+from portnav_ros.nodes.inputs import checked
 from portnav_ros.nodes.markers import track_marker
 from portnav_ros.nodes.messages import (
     SECOND_NS,
@@ -33,11 +33,11 @@ from portnav_ros.nodes.messages import (
 )
 from portnav_ros.nodes.parameters import NodeParams
 from portnav_ros.nodes.runtime import Health, PortNode, run_node
-from portnav_ros.nodes.topics import TOPICS
+from portnav_ros.nodes.topics import TOPICS, every_qos
 from portnav_ros.params import Ranges, check_ranges
 from portnav_ros.safety.ages import Arrival, InputAges
 from portnav_ros.safety.decision import SetpointParams
-from portnav_ros.safety.emergency import SERVICE, TOPIC, EmergencyOrders
+from portnav_ros.safety.emergency import ORDERED_BY, SERVICE, TOPIC, EmergencyOrders
 from portnav_ros.safety.guard import ODOM, SCAN, SETPOINT, Decision, Guard
 from portnav_ros.safety.mounting import Mounting
 from portnav_ros.safety.plausibility import PlausibilityParams, ray_misfit
@@ -134,7 +134,7 @@ class SafetyMonitor(PortNode[SafetyParams]):
         self._raw: Odometry | None = None
         self._scan: Scan | None = None
         self._time_ns = self._scan_ns = -1
-        self._last, self._rivalry, self._told = Decision(Setpoint(0.0, 0.0), ''), '', ''
+        self._last, self._rivalry, self._told = Decision(Setpoint(0.0, 0.0), ''), '', ('', '')
 
     def deactivate(self) -> None:
         """Stop the vessel; in lock-step there is nobody to heed it."""
@@ -145,8 +145,6 @@ class SafetyMonitor(PortNode[SafetyParams]):
         """Tell why the vessel is stopped or slowed, if it is."""
         setpoint, reason = self._last
         values = {'stop_reason': reason, 'speed_mps': f'{setpoint.speed_mps:.2f}', 'zones': self.params.zones}
-        if not self._guard.ready:
-            return Health(DiagnosticStatus.WARN, 'no odom yet', values)
         return Health(self._level(), self._text(), values)
 
     def _new_guard(self) -> Guard:
@@ -160,13 +158,12 @@ class SafetyMonitor(PortNode[SafetyParams]):
         take = partial(self._order, TOPIC)
         self.subscribe('emergency_stop', take, always=True)
         row, silent = TOPICS['emergency_stop'], SubscriptionEventCallbacks(use_default_callbacks=False)
-        for durability in (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL):
-            asked = QoSProfile(depth=1, durability=durability)
+        for asked in every_qos(row)[1:]:
             self.create_subscription(row.type, row.name, take, asked, event_callbacks=silent)
 
     def _take_odometry(self, message: Odometry) -> None:
         state, stamp_ns = read_odometry(message), read_stamp(message.header.stamp)
-        arrival = _checked(self._guard.take_odometry(state, stamp_ns, self._steady_s(stamp_ns)))
+        arrival = checked(self._guard.take_odometry(state, stamp_ns, self._steady_s(stamp_ns)))
         if arrival is not Arrival.REPEATED:
             self._time_ns = stamp_ns
         if self.lock_step:
@@ -182,7 +179,7 @@ class SafetyMonitor(PortNode[SafetyParams]):
                 raise MessageError(misfit)
             self._scan = scan
             if not self.lock_step:
-                _checked(self._guard.take_scan(scan, self._scan_ns, self.steady_s()))
+                checked(self._guard.take_scan(scan, self._scan_ns, self.steady_s()))
                 self._act(self._decide())
         finally:
             self._answer_if_complete()
@@ -194,7 +191,7 @@ class SafetyMonitor(PortNode[SafetyParams]):
             self._guard.doubt_setpoint(str(error))
             self._answer(message)
             raise
-        _checked(self._guard.take_setpoint(setpoint, stamp_ns, self._steady_s(stamp_ns)))
+        checked(self._guard.take_setpoint(setpoint, stamp_ns, self._steady_s(stamp_ns)))
         self._answer(message)
 
     def _answer(self, raw: Odometry) -> None:
@@ -242,14 +239,18 @@ class SafetyMonitor(PortNode[SafetyParams]):
         self._publish_state()
 
     def _publish_state(self) -> None:
-        """Tell of a new state; the same one is told once."""
-        if (text := self._text()) == self._told:
+        """Tell of a new state or order; the same one is told once."""
+        text, ordered_by = self._text(), self._orders.by
+        if (text, ordered_by) == self._told:
             return
-        self._told, (setpoint, reason) = text, self._last
+        self._told, (setpoint, reason) = (text, ordered_by), self._last
         values = {'stamp': self._time_ns, 'stop_reason': reason, 'speed_mps': f'{setpoint.speed_mps:.3f}'}
+        values[ORDERED_BY] = ordered_by
         self._states.publish(status_message(NAME, self._level(), text, values))
 
     def _text(self) -> str:
+        if not self._guard.ready:
+            return 'no odom yet'
         if not self._last.reason:
             return 'passing'
         return f'stop: {self._last.reason}' if self._last.stops else self._last.reason
@@ -257,7 +258,8 @@ class SafetyMonitor(PortNode[SafetyParams]):
     def _level(self) -> bytes:
         if self._last.reason and self._last.reason in (EMERGENCY, self._rivalry):
             return DiagnosticStatus.ERROR
-        return DiagnosticStatus.WARN if self._last.reason else DiagnosticStatus.OK
+        calm = self._guard.ready and not self._last.reason
+        return DiagnosticStatus.OK if calm else DiagnosticStatus.WARN
 
     def _watch(self) -> None:
         """Notice who is silent and who speaks out of turn, and repeat a stop."""
@@ -281,14 +283,10 @@ class SafetyMonitor(PortNode[SafetyParams]):
     def _order(self, way: str, order: Bool | SetBool.Request) -> None:
         if self._orders.take(way, order.data):
             self.get_logger().warning(f'{EMERGENCY} {"ordered" if order.data else "released"} by {way}')
-        if self.active and not self.lock_step:
-            self._act(self._decide())
-
-
-def _checked(arrival: Arrival) -> Arrival:
-    if arrival is Arrival.FUTURE:
-        raise MessageError(arrival.value)
-    return arrival
+        if self.active:
+            if not self.lock_step:
+                self._act(self._decide())
+            self._publish_state()
 
 
 def main() -> int:

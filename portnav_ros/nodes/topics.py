@@ -94,5 +94,12 @@ def asked_qos(topic: Topic, lock_step: bool = False) -> QoSProfile:
     )
 
 
+def every_qos(topic: Topic) -> tuple[QoSProfile, QoSProfile, QoSProfile]:
+    """What to ask, all of it, to hear whoever publishes: reliably where offered, and what was latched."""
+    reliable = (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL)
+    plain, latched = (QoSProfile(depth=topic.depth, durability=durability) for durability in reliable)
+    return asked_qos(topic), plain, latched
+
+
 def _depth(topic: Topic, lock_step: bool) -> int:
     return LOCK_STEP_DEPTH if lock_step else topic.depth

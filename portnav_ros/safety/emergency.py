@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 TOPIC, SERVICE = 'topic', 'service'
+ORDERED_BY = 'emergency_stop_by'  # of safety_state
 
 
 class EmergencyOrders:
