@@ -105,11 +105,6 @@ class MuZeroPolicy:
         """Simulations of each search; 0 where the prior alone decides."""
         return self._search.params.simulations if self._search else 0
 
-    @property
-    def decided(self) -> BoolArray:
-        """Vessels [B] (bool) for which the last ``act`` has decided; the others hold what they had."""
-        return self._agent.decided
-
     def reset(self, which: BoolArray) -> None:
         """Forget the vessels [B] (bool), and the last decision."""
         self.decision = None

@@ -20,8 +20,9 @@ from portnav_ros.muzero import ModelError
 from portnav_ros.sim.scenario import Scenario
 from portnav_ros.sim.world import DECISION_S
 from portnav_ros.task.actions import ActionParams
+from portnav_ros.task.agent import AgentPolicy
 from portnav_ros.task.env import TaskParams
-from portnav_ros.task.observation import Observation
+from portnav_ros.task.observation import Observation, ObservationParams
 from portnav_ros.types import SURGE, YAW, Array, BoolArray, Outcome
 
 TRIAL = Trial('line_of_sight', 'easy')
@@ -70,6 +71,16 @@ def test_a_learned_policys_log_does_not_either(make_model, scenarios):
     for log in sail(trial.make_planner, short[::-1], 3):
         assert_same(log, alone[log.seed])
         assert len(log.latency_s) == len(log) - 1  # a row for the end
+
+
+def test_only_decisions_are_timed(scenarios):
+    def make_policy(scenario):
+        actions = ActionParams(hold=2)
+        return AgentPolicy(ObservationParams(), actions, scenario.lidar, lambda seen: np.full(len(seen), 13))
+
+    short = [replace(scenario, time_limit_s=40.0) for scenario in scenarios[:2]]
+    for log in sail(make_policy, short, 2):
+        assert len(log.latency_s) == len(log) // 2  # a row for the end, and each action is held once
 
 
 def test_a_log_has_a_row_for_each_decision_and_one_for_the_end(logs):
