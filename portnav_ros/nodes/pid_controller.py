@@ -26,13 +26,14 @@ from portnav_ros.nodes.runtime import Health, PortNode, run_node
 from portnav_ros.params import Ranges, check_ranges
 from portnav_ros.safety.braking import ThrustBound
 from portnav_ros.safety.rivals import RivalWatch
-from portnav_ros.types import STATE_SIZE, YAW, Actuation, Setpoint
+from portnav_ros.types import STATE_SIZE, SURGE, YAW, Actuation, Setpoint
 from portnav_ros.vessel import VesselParams
 
 NAME = 'pid_controller'
 ODOM, SETPOINT = 'odom', 'setpoint'
 NEUTRAL = Actuation(0.0, 0.0)
 WATCH_S = 0.1
+AT_REST_MPS = 0.2
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,7 @@ class PidController(PortNode[PidParams]):
             return Health(DiagnosticStatus.ERROR, f'stop: {self._rivalry}', values)
         if self._stop_reason:
             return Health(DiagnosticStatus.WARN, f'stop: {self._stop_reason}', values)
-        if self._bound.reached:
+        if self._bound.reached and abs(self._own[SURGE]) > AT_REST_MPS:  # at rest it is as it should be
             return Health(DiagnosticStatus.WARN, 'thrust the same way for too long: held at 0', values)
         return Health(values=values)
 

@@ -168,6 +168,20 @@ def test_in_a_stop_thrust_ahead_ends_after_a_while_too(graph, clock):
         assert (answer(graph, tick * TICK_NS).thrust_n > 0.0) == (tick < 20)
 
 
+@pytest.mark.parametrize(
+    ('surge', 'text'), [(-0.3, 'thrust the same way for too long: held at 0'), (-0.1, 'ok')]
+)
+def test_thrust_held_back_is_a_warning_while_the_vessel_moves(graph, clock, surge, text):
+    node = start(graph, clock, odom_age_s=60.0, setpoint_age_s=60.0, release_s=0.0, astern_s=0.2)
+    graph.publish('setpoint', setpoint(0, speed=0.0))
+    graph.last('cmd_actuators', lambda m: read_joints(m).rudder_rad != 0.0)
+    for tick in range(1, 10):
+        graph.publish('odom', odometry(tick * TICK_NS, surge=surge))
+        answer(graph, tick * TICK_NS)
+    health = node.health()
+    assert (health.text, health.values['thrust_bound']) == (text, 'reached')
+
+
 def test_under_way_thrust_ahead_is_not_bounded(graph, clock):
     start(graph, clock, odom_age_s=60.0, setpoint_age_s=60.0, astern_s=0.2)
     steer_to(graph, 0)
