@@ -30,6 +30,7 @@ class Limits(NamedTuple):
     interrupt_s: float = 5.0  # between SIGINT and SIGTERM
     terminate_s: float = 3.0  # between SIGTERM and SIGKILL
     restarts: int = 3
+    forgiven_s: float = 600.0  # after so long a life, a death is a node's first
     back_off_s: float = 0.5  # doubles with every restart of a node
 
 
@@ -73,8 +74,7 @@ class Supervisor:
         environment: of every process.
         say: takes one line for the user.
         held_files: descriptors that stay open until the last process has ended, such as a lock.
-        make_manager: is called once the processes have been started, if nodes among them are managed: these
-            are ready when they are active, other processes as soon as they say so.
+        make_manager: of managed nodes, which are ready when active; others are as soon as they say so.
     """
 
     def __init__(
@@ -260,7 +260,8 @@ class Supervisor:
         if not process.ready and not self._deaths[command.name]:
             kind = NodeRefusedError if code in REFUSED else NodeDiedError
             raise kind(f'{how} while starting; {tail(command.log)}')
-        self._deaths[command.name] += 1
+        forgiven = time.monotonic() - process.started_s > self._limits.forgiven_s
+        self._deaths[command.name] = 1 + (0 if forgiven else self._deaths[command.name])
         if command.on_death is OnDeath.GO_ON:
             self._say(f'{how}; the rest runs on without it; {tail(command.log)}')
         elif command.on_death is OnDeath.END or self._deaths[command.name] > self._limits.restarts:

@@ -86,6 +86,15 @@ def test_restarts_are_bounded(tmp_path):
     assert [line.split('(')[1] for line in said] == ['restart 1 of 2)', 'restart 2 of 2)']
 
 
+def test_a_death_after_a_long_life_is_the_first(tmp_path):
+    said: list[str] = []
+    commands = [command(tmp_path, 'planner', CRASH, on_death=OnDeath.RESTART)]
+    with Supervisor(commands, environment('old'), said.append, LIMITS._replace(forgiven_s=0.0)) as supervisor:
+        while len(said) < 4:
+            supervisor.poll(0.05)
+    assert {line.split('(')[1] for line in said} == {'restart 1 of 2)'}
+
+
 def test_the_rest_runs_on_without_a_node_that_may_die(tmp_path, marked):
     said: list[str] = []
     commands = [
