@@ -87,8 +87,7 @@ class Supervisor:
         make_manager: Callable[[], LifecycleManager] | None = None,
     ) -> None:
         self._commands = {command.name: command for command in commands}
-        self._environment = environment
-        self._say = say
+        self._environment, self._say = environment, say
         self._limits = limits
         self._held_files = held_files
         self._make_manager = make_manager
