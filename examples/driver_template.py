@@ -8,6 +8,7 @@ at once:
 """
 
 import math
+import signal
 
 import numpy as np
 import rclpy
@@ -158,8 +159,10 @@ class Driver(Node):
 
 
 def main():
-    """Run until Ctrl-C, then leave the actuators neutral."""
+    """Run until Ctrl-C or SIGTERM, then leave the actuators neutral."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     driver = Driver()
     driver.create_timer(PERIOD_S, driver.tick)
     try:

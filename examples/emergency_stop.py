@@ -4,6 +4,7 @@ It asks safety_monitor for a stop that keeps steerage. No software takes the pla
 switch that cuts the engine.
 """
 
+import signal
 import sys
 
 import rclpy
@@ -31,6 +32,8 @@ class Switch:
 def main():
     """Take orders until Ctrl-C or the end of input."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     switch = Switch(rclpy.create_node('emergency_switch'))
     print('Enter: stop; go and Enter: sail', flush=True)
     try:

@@ -10,6 +10,7 @@ last thrust for ever: it is here that old commands end, in the time of VRX's odo
 """
 
 import math
+import signal
 
 import numpy as np
 import rclpy
@@ -132,8 +133,10 @@ def sectors(message):
 
 
 def main():
-    """Run until Ctrl-C, then leave the pods without thrust."""
+    """Run until Ctrl-C or SIGTERM, then leave the pods without thrust."""
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     adapter = VrxAdapter()
     try:
         while True:

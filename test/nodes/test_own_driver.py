@@ -70,7 +70,7 @@ def test_a_driver_that_only_speaks_the_contract_sails_to_a_goal(start, tmp_path)
     graph.send_signal(signal.SIGINT)
     assert graph.wait(WAIT_S) == 128 + signal.SIGINT
     assert driver.poll() is None
-    driver.send_signal(signal.SIGINT)
+    driver.send_signal(signal.SIGTERM)
     assert driver.wait(WAIT_S) == 0
     log = read_episode(tmp_path)
     assert log.outcome is Outcome.SUCCESS
