@@ -65,9 +65,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print one line per check; returns 1 if any failed, else 0."""
     if arguments.graph is not None:
-        from portnav_ros.nodes.graph_doctor import examine as examine_graph  # needs ROS
-
-        return show(examine_graph(arguments.graph, os.environ), 'all is well', arguments.json)
+        graph_doctor = importlib.import_module('portnav_ros.nodes.graph_doctor')  # needs ROS
+        return show(graph_doctor.examine(arguments.graph, os.environ), 'all is well', arguments.json)
     return show(examine(os.environ), 'ready to sail', arguments.json)
 
 
