@@ -1,5 +1,6 @@
 import dataclasses
 import itertools
+import signal
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ from portnav_ros.muzero.model_file import Card, save_model
 from portnav_ros.sim.scenario import LidarParams
 from portnav_ros.task.env import TaskParams
 from portnav_ros.vessel import VesselParams
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a background shell, and so in children
 
 # Kernels compile within the first example of a property, and a failure must come again in the next run.
 settings.register_profile('portnav', deadline=None, derandomize=True)
