@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _table(figures: Mapping[str, Any], indent: str = '  ') -> str:
     lines = []
     for key, value in figures.items():
-        if isinstance(value, Mapping):
+        if isinstance(value, Mapping) and value:
             lines.append(f'{indent}{key}\n{_table(value, indent + "  ")}')
         elif isinstance(value, list) and value and isinstance(value[0], Mapping):
             lines.append('\n' + markdown(list(value[0]), [list(map(_text, row.values())) for row in value]))
@@ -67,6 +67,8 @@ def _text(value: Any) -> str:
         return '-'
     if isinstance(value, float):
         return f'{value:,.0f}' if abs(value) >= 10_000.0 else f'{value:.4g}'
+    if isinstance(value, Mapping):
+        return 'none'
     if isinstance(value, (list, tuple)):
         return ', '.join(map(_text, value))
     return str(value)

@@ -1,5 +1,6 @@
 import argparse
 import json
+import re
 import sys
 from types import ModuleType
 
@@ -18,6 +19,7 @@ def part(monkeypatch):
         'rate': 123456.7,
         'shares': {'scan': 0.25},
         'unknown': float('nan'),
+        'failed': {'scan': 'was lost'} if arguments.rounds == 0 else {},
     }
     monkeypatch.setitem(sys.modules, module.__name__, module)
 
@@ -36,7 +38,14 @@ def test_a_part_takes_its_options_and_leaves_its_figures(part, tmp_path, capsys)
     assert values['shares'] == {'scan': 0.25}
     assert values['unknown'] is None
     assert {'processor', 'cores', 'version', 'command'} <= set(values)
-    assert '123,457' in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert '123,457' in printed
+    assert re.search(r'failed +none\n', printed)
+
+
+def test_what_a_part_has_found_wrong_is_told_and_fails(part, capsys):
+    assert run('plan', '--rounds', '0') == 1
+    assert re.search(r'failed\n +scan +was lost\n', capsys.readouterr().out)
 
 
 def test_an_unknown_part_or_option_is_refused(part, capsys):
