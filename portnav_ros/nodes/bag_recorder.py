@@ -40,7 +40,8 @@ AWAITED = ('odom', 'joint_states', 'cmd_actuators', 'scan', 'targets', 'setpoint
 ACKNOWLEDGE_NS = 2_000_000_000
 REPEAT_S = 0.2
 ANSWERS = ('cmd_actuators', 'setpoint', 'setpoint_raw', 'navigation_state', 'safety_state')
-POLL_S = 0.01  # queues are emptied in bulk, which costs half of waking up for each message
+# Queues are emptied in bulk, which costs a fraction of waking up for each message.
+POLL_S, LOCK_STEP_POLL_S = 0.05, 0.01
 QUEUE_DEPTH = 5000
 MARGIN_NS = 2_000_000_000
 LOCK_STEP_MARGIN_NS = 10_000_000_000
@@ -119,11 +120,12 @@ class BagRecorder(PortNode[RecorderParams]):
         """Record until it is to stop."""
         executor = SingleThreadedExecutor(context=self.context)
         executor.add_node(self)
+        poll_s = LOCK_STEP_POLL_S if self.params.lock_step else POLL_S
         while not self.ended:
             if self.active:
                 self.tick()
             executor.spin_once(timeout_sec=0.0)
-            time.sleep(POLL_S)
+            time.sleep(poll_s)
 
     def deactivate(self) -> None:
         """Take what is still in the queues."""
@@ -182,7 +184,7 @@ class BagRecorder(PortNode[RecorderParams]):
         time_ns = self._time_ns
         behind_ns, now_s = time_ns - self._acknowledged_ns, time.monotonic()
         repeat = now_s - self._acknowledged_s > REPEAT_S  # the sim may not have heard the first
-        if behind_ns >= ACKNOWLEDGE_NS or (idle and behind_ns) or repeat:
+        if behind_ns >= ACKNOWLEDGE_NS or (idle and behind_ns and self.params.lock_step) or repeat:
             self._acknowledged_ns, self._acknowledged_s = time_ns, now_s
             self._acknowledgements.publish(clock_message(time_ns))
             status_pipe.report(recorded_s=time_ns * 1e-9)

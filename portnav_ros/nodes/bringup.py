@@ -39,7 +39,7 @@ from portnav_ros.types import Outcome
 if TYPE_CHECKING:
     from portnav_ros.nodes.lifecycle_manager import LifecycleManager
 
-POLL_S = 0.5
+POLL_S = 1.0
 RECORDER_PATIENCE_S = 10.0
 
 

@@ -20,6 +20,7 @@ from portnav_ros.nodes.messages import (
     MessageError,
     fill_setpoint,
     nanoseconds,
+    new_scan,
     new_setpoint,
     pose_message,
     read_joints,
@@ -130,6 +131,7 @@ class LocalPlanner(PortNode[PlannerParams]):
         path = np.column_stack([np.arange(0.0, 500.0, PATH_SPACING_M), np.zeros(50)])
         self._observer.reset(EVERYONE, [path])
         self._policy.reset(EVERYONE)
+        self.params.mounting.centred(read_scan(new_scan(self.params.lidar, self.params.period_s)))
         ranges = np.full((1, self.params.lidar.rays), np.float32(self.params.lidar.range_max_m))
         self._policy.act(self._observer.update(np.zeros((1, STATE_SIZE)), ranges, np.zeros((1, 2))))
 

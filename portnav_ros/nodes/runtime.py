@@ -43,7 +43,7 @@ from portnav_ros.sim.scenario import ScenarioError
 P = TypeVar('P', bound=NodeParams)
 
 DIAGNOSTICS_PERIOD_S = 1.0
-SPIN_S = 0.1  # a signal is seen this late at most
+SPIN_S = 0.2  # a signal is seen this late at most
 FLUSH_S = 2.0
 LOG_S = 1.0
 

@@ -24,6 +24,7 @@ from portnav_ros.nodes.messages import (
     MessageError,
     fill_setpoint,
     nanoseconds,
+    new_scan,
     new_setpoint,
     read_odometry,
     read_scan,
@@ -114,7 +115,8 @@ class SafetyMonitor(PortNode[SafetyParams]):
         self._period_ns = nanoseconds(params.planner_period_s)
         self._zone = Zone(params.zone, params.vessel, params.autopilot)
         self.get_logger().info('the first start compiles the rehearsal of a stop, a few seconds')
-        self._zone.limit_mps(np.zeros(STATE_SIZE), Setpoint(0.0, 1.0), np.zeros((1, 2)))
+        points = params.mounting.points(read_scan(new_scan(params.lidar, WATCH_S)))
+        self._zone.limit_mps(np.zeros(STATE_SIZE), Setpoint(0.0, 1.0), points)
         self._message = new_setpoint()
         self._setpoints = self.publisher('setpoint')
         self._states, self._markers = self.publisher('safety_state'), self.publisher('markers')

@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # it loads ROS, which is better done while the nodes start
     from portnav_ros.nodes.lifecycle_manager import LifecycleManager
 
 REFUSED = (2, 3)  # exit codes of a node: its parameters, chart or scenario; no model
-MANAGE_S = 0.5  # between two looks at what the manager has to do, if it waits for nothing
+MANAGE_S = 1.0  # between two looks at what the manager has to do, if it waits for nothing
 LOOK_S = 0.005  # that it may take for a look
 
 

@@ -82,7 +82,7 @@ def judge_scan(
     pose = state.x_m, state.y_m, state.yaw_rad
     if np.count_nonzero(np.isfinite(scan.ranges)) < params.least_returns:
         return ScanSeen(scan, pose), f'scan with fewer than {params.least_returns} returns'
-    if seen is None or not np.array_equal(seen.scan.ranges, scan.ranges, equal_nan=True):
+    if seen is None or seen.scan.ranges.tobytes() != scan.ranges.tobytes():
         return ScanSeen(scan, pose), ''
     frozen = _displacement_m(scan, seen.pose, pose) > params.frozen_m
     return seen, 'scan frozen' if frozen else ''

@@ -23,7 +23,20 @@ from numba import njit
 
 from portnav_ros.control.autopilot import PID_SIZE, AutopilotParams, Gains, steer
 from portnav_ros.params import Ranges, check_ranges
-from portnav_ros.types import RUDDER, STATE_SIZE, SURGE, THRUST, YAW, YAW_RATE, Array, Scan, Setpoint, X, Y
+from portnav_ros.types import (
+    RUDDER,
+    STATE_SIZE,
+    SURGE,
+    THRUST,
+    YAW,
+    YAW_RATE,
+    Array,
+    Array32,
+    Scan,
+    Setpoint,
+    X,
+    Y,
+)
 from portnav_ros.vessel import VesselModel, VesselParams, move_actuators, move_hull
 
 DT_S = 0.25
@@ -59,12 +72,7 @@ class ZoneParams:
 
 def scan_points(scan: Scan, turned_rad: float = 0.0) -> Array:
     """Points [N, 2] of the returns in m, in the frame of the sensor or of one that it is turned in."""
-    seen = np.flatnonzero(np.isfinite(scan.ranges))
-    ranges = scan.ranges[seen].astype(np.float64)
-    angles = scan.angle_min_rad + turned_rad + scan.angle_increment_rad * seen
-    points = np.empty((len(seen), 2))
-    points[:, 0], points[:, 1] = ranges * np.cos(angles), ranges * np.sin(angles)
-    return points
+    return _points(scan.ranges, scan.angle_min_rad + turned_rad, scan.angle_increment_rad)
 
 
 class Zone:
@@ -111,6 +119,18 @@ class Zone:
         yaw_rate = own[YAW_RATE] * min(speed_mps / max(own[SURGE], 1e-3), 1.0)  # slower, it turns as tightly
         count = _rehearse(self._gains, self._model, yaw_rate, turn, speed_mps, reaction, self._track)
         return self._track[:count]
+
+
+@njit(cache=True)
+def _points(ranges: Array32, first_rad: float, increment_rad: float) -> Array:
+    """Where the finite ranges [R] m end: [N, 2]."""
+    points, count = np.empty((len(ranges), 2)), 0
+    for k in range(len(ranges)):
+        if math.isfinite(ranges[k]):
+            angle = first_rad + increment_rad * k
+            points[count] = ranges[k] * math.cos(angle), ranges[k] * math.sin(angle)
+            count += 1
+    return points[:count]
 
 
 @njit(cache=True)
