@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import signal
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     module, parser = open_part('benchmark', name, PARTS[name], PACKAGES.get(name, 'evaluation'))
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the figures')
     options = parser.parse_args(arguments.options)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does, with all it has started
     figures: dict[str, Any] = module.run(options)
     described = {**provenance(), **machine()}
     print(f'benchmark {name}\n{_table(figures)}\n{_table(described)}')

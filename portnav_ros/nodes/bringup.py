@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from portnav_ros.nodes.domain_lock import DomainBusyError, hold_domain, read_domain
+from portnav_ros.nodes.graph_options import GraphOptions
 from portnav_ros.nodes.preparation import (
     DISCOVERY,
     Configuration,
-    GraphOptions,
     environment,
     load,
     make_options,
@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 
 POLL_S = 1.0
 RECORDER_PATIENCE_S = 10.0
+# Options of a graph that a command line hands on under their own names.
+GIVEN = ('planner', 'model', 'allow_mismatch', 'difficulty', 'scenario', 'chart', 'seed', 'rate', 'storage')
 
 
 class Exit(IntEnum):
@@ -203,6 +205,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def add_graph_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options that ``up`` and ``demo`` share."""
     parser.add_argument('--planner', choices=LOCAL_PLANNERS, help='local planner')
+    parser.add_argument('--model', type=Path, metavar='FILE', help='of a learned planner: its weights')
+    parser.add_argument(
+        '--allow-mismatch',
+        action='store_true',
+        default=None,
+        help='sail another vessel than the model was trained for',
+    )
     parser.add_argument('--difficulty', metavar='D', help='paper, harbour, easy or a YAML file')
     world = parser.add_mutually_exclusive_group()
     world.add_argument('--scenario', metavar='NAME', help='a named scenario or its YAML file')
@@ -231,7 +240,7 @@ def options_from(
         ParamError: an unknown key, a wrong type or a value out of range.
     """
     configuration = read_configuration(arguments.config)
-    for name in ('planner', 'difficulty', 'scenario', 'chart', 'seed', 'rate', 'storage'):
+    for name in GIVEN:
         given[name] = getattr(arguments, name)
     if arguments.lock_step:
         given['mode'] = 'lock_step'

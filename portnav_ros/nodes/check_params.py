@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from portnav_ros.nodes.graph_options import GraphOptions
 from portnav_ros.nodes.parameter_files import check_configuration, check_ros, is_ros
 from portnav_ros.nodes.parameter_tables import tables
-from portnav_ros.nodes.preparation import BRINGUP, GraphOptions
+from portnav_ros.nodes.preparation import BRINGUP
 from portnav_ros.params import ParamError, read_yaml
 
 WRONG = 2

@@ -11,9 +11,9 @@ from portnav_ros.evaluation.bag_episode import LOST, read_episode
 from portnav_ros.evaluation.planners import EvaluationError
 from portnav_ros.evaluation.trial import EpisodeResult, Trial, judge
 from portnav_ros.nodes.bringup import sail
-from portnav_ros.nodes.preparation import BAG, Configuration, GraphOptions, read_configuration
+from portnav_ros.nodes.graph_options import GraphOptions
+from portnav_ros.nodes.preparation import BAG, read_configuration
 from portnav_ros.nodes.supervisor import Report
-from portnav_ros.nodes.table import PLANNER_SUFFIX
 from portnav_ros.types import Outcome
 
 INTERRUPTED = 130
@@ -37,7 +37,7 @@ def run_trial(
     """
     if trial.route == 'clearance':
         raise EvaluationError('--through ros: the nodes plan with RRT*; leave out --route clearance')
-    configuration = _with_model(read_configuration(None), trial) | {'safety_monitor': {'zones': False}}
+    configuration = read_configuration(None) | {'safety_monitor': {'zones': False}}
     for seed in seeds:
         options = GraphOptions(
             planner=trial.planner,
@@ -46,6 +46,9 @@ def run_trial(
             chart=trial.chart,
             seed=seed,
             mode='lock_step',
+            model=trial.model.file,
+            simulations=trial.model.simulations,
+            allow_mismatch=trial.model.allow_mismatch,
         )
         with tempfile.TemporaryDirectory(prefix='portnav_') as folder:
             result = sail(options, configuration, Path(folder), _ignore, _say_nothing)
@@ -58,18 +61,6 @@ def run_trial(
                 lost = log.metadata.get(LOST, 'the end was not recorded')
                 raise EvaluationError(f'--through ros, seed {seed}: the bag is not whole: {lost}')
         yield judge(log, trial, keep_logs)
-
-
-def _with_model(configuration: Configuration, trial: Trial) -> Configuration:
-    """Hand the options of a learned planner to its node."""
-    node, model = trial.planner + PLANNER_SUFFIX, trial.model
-    given = {
-        'model': str(model.file.resolve()) if model.file else None,
-        'simulations': model.simulations,
-        'allow_mismatch': model.allow_mismatch or None,
-    }
-    chosen = {key: value for key, value in given.items() if value is not None}
-    return configuration | {node: configuration.get(node, {}) | chosen}
 
 
 def _ignore(report: Report) -> None:

@@ -9,22 +9,21 @@ import os
 import platform
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any
 
 import yaml
 
 from portnav_ros import __version__
 from portnav_ros.charts import write_geojson
 from portnav_ros.evaluation import bag_episode
-from portnav_ros.evaluation.bag_writer import Storage
 from portnav_ros.evaluation.provenance import git_commit
 from portnav_ros.muzero.model_file import file_hash, released_model
+from portnav_ros.nodes.graph_options import GraphOptions
 from portnav_ros.nodes.parameter_files import check_configuration
 from portnav_ros.nodes.process import Command
-from portnav_ros.nodes.table import LOCAL_PLANNERS, NAMES, PLANNER_SUFFIX, RECORDER, NodeSpec, OnDeath, graph
-from portnav_ros.params import ParamError, Ranges, check_ranges, override, read_yaml
+from portnav_ros.nodes.table import PLANNER_SUFFIX, RECORDER, NodeSpec, OnDeath
+from portnav_ros.params import ParamError, override, read_yaml
 from portnav_ros.resources import config_path
 from portnav_ros.sim.difficulty import load_difficulty
 from portnav_ros.sim.generator import find_scenario
@@ -40,53 +39,6 @@ ENVIRONMENT = {
     **dict.fromkeys(('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS'), '1'),
 }
 Configuration = dict[str, dict[str, Any]]
-
-
-@dataclass(frozen=True)
-class GraphOptions:
-    """What to run: key ``bringup`` of the configuration, and the options of the command line.
-
-    planner: local planner. difficulty, scenario, chart, seed: what to sail; a named scenario or a chart
-    takes the place of the difficulty's random port. mode: lock_step advances when every node has answered,
-    real_time by the clock, ``rate`` times as fast. namespace: of every node. without: nodes to leave out,
-    because something else plays their part. remaps: OLD:=NEW for every node or NODE:OLD:=NEW for one, such
-    as the topics of a driver that has other names. ready_s: patience with a node that starts.
-    """
-
-    planner: str = 'dwa'
-    difficulty: str = 'harbour'
-    scenario: str | None = None
-    chart: Path | None = None
-    seed: int = 0
-    mode: Literal['lock_step', 'real_time'] = 'real_time'
-    rate: float = 1.0
-    record: bool = True
-    storage: Storage = 'sqlite3'
-    namespace: str = ''
-    without: tuple[str, ...] = ()
-    remaps: tuple[str, ...] = ()
-    ready_s: float = 120.0
-    ranges: ClassVar[Ranges] = {'seed': (0, 2**63 - 1), 'rate': (0.01, 1000.0), 'ready_s': (1.0, 3600.0)}
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be run."""
-        check_ranges(self)
-        if self.planner not in LOCAL_PLANNERS:
-            raise ParamError(f'planner {self.planner!r} is not one of {", ".join(LOCAL_PLANNERS)}')
-        if unknown := sorted(set(self.without) - set(NAMES)):
-            raise ParamError(f'without: no node {unknown[0]!r}; there are {", ".join(NAMES)}')
-        if self.scenario is not None and self.chart is not None:
-            raise ParamError('scenario and chart exclude each other: a named scenario has its own chart')
-
-    @property
-    def lock_step(self) -> bool:
-        """Whether time waits for the nodes."""
-        return self.mode == 'lock_step'
-
-    @property
-    def nodes(self) -> tuple[NodeSpec, ...]:
-        """Nodes of this graph."""
-        return graph(self.planner, self.without + (() if self.record else (RECORDER,)))
 
 
 def read_configuration(file: Path | None) -> Configuration:
@@ -153,6 +105,8 @@ def prepare(
     if (out / BAG).exists():
         raise ParamError(f'{out}: holds a recording already; choose another folder with --out')
     out.mkdir(parents=True, exist_ok=True)
+    if options.learned:
+        configuration = _merge(configuration, {options.planner + PLANNER_SUFFIX: options.learned})
     write_geojson(scenario.harbour, out / bag_episode.CHART)
     metadata = _metadata(options, configuration, scenario)
     (out / METADATA).write_text(json.dumps(metadata, indent=1) + '\n', encoding='utf-8')
@@ -220,7 +174,7 @@ def _parameters(
     }
 
 
-def _merge(base: dict[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def _merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Nested mappings key by key, everything else replaced."""
     merged = dict(base)
     for key, value in changes.items():

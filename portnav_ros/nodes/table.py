@@ -60,6 +60,7 @@ LOCAL_PLANNERS = tuple(
     for name in NAMES
     if name.endswith(PLANNER_SUFFIX) and name != 'global_planner'
 )
+LEARNED_PLANNERS = ('muzero', 'ppo')
 
 
 def graph(planner: str, without: tuple[str, ...] = ()) -> tuple[NodeSpec, ...]:

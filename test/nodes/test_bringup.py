@@ -11,7 +11,7 @@ import pytest
 from portnav_ros.nodes import bringup
 from portnav_ros.nodes.bringup import Exit, add_arguments, options_from, sail
 from portnav_ros.nodes.domain_lock import DomainBusyError, hold_domain
-from portnav_ros.nodes.preparation import GraphOptions
+from portnav_ros.nodes.graph_options import GraphOptions
 from portnav_ros.nodes.process import Command
 from portnav_ros.nodes.table import OnDeath
 from portnav_ros.params import ParamError

@@ -6,9 +6,10 @@ import pytest
 
 from portnav_ros.cli import main
 from portnav_ros.nodes.check_params import check_file
+from portnav_ros.nodes.graph_options import GraphOptions
 from portnav_ros.nodes.parameter_tables import tables
 from portnav_ros.nodes.parameters import defaults_of
-from portnav_ros.nodes.preparation import GraphOptions, load, prepare, read_configuration
+from portnav_ros.nodes.preparation import load, prepare, read_configuration
 from portnav_ros.nodes.table import NAMES
 from portnav_ros.params import ParamError
 from portnav_ros.resources import config_path

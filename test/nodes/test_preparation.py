@@ -8,11 +8,11 @@ import pytest
 import yaml
 
 from portnav_ros.charts import read_chart
+from portnav_ros.nodes.graph_options import GraphOptions
 from portnav_ros.nodes.preparation import (
     BAG,
     METADATA,
     PARAMETERS,
-    GraphOptions,
     environment,
     load,
     make_options,
@@ -77,6 +77,7 @@ def test_a_configuration_that_is_wrong_is_refused_by_file_and_key(tmp_path, text
         ({'planer': 'dwa'}, "unknown key 'planer'; did you mean 'planner'"),
         ({'planner': 'mpc'}, 'not one of muzero, dwa'),
         ({'rate': 'fast'}, 'expected float'),
+        ({'allow_mismatch': True}, 'allow_mismatch: for the planners muzero and ppo, not for dwa'),
         ({'rate': 0.0}, 'outside'),
         ({'without': ['radar']}, "no node 'radar'"),
         ({'scenario': 'head_on', 'chart': 'a.geojson'}, 'exclude each other'),
@@ -107,6 +108,18 @@ def test_the_metadata_names_the_weights(tmp_path, scenario, make_model):
     file = make_model()
     options = replace(EASY, planner='muzero')
     prepare(options, {'muzero_planner': {'model': str(file)}}, scenario, tmp_path)
+    metadata = json.loads((tmp_path / METADATA).read_text())
+    assert metadata['model_sha256'] == hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+def test_a_learned_planner_sails_with_the_model_of_the_command_line(tmp_path, scenario, make_model):
+    file = make_model()
+    options = replace(EASY, planner='muzero', model=file, simulations=3, allow_mismatch=True)
+    prepare(options, {'muzero_planner': {'model': 'another', 'age_s': 0.4}}, scenario, tmp_path)
+    parameters = yaml.safe_load((tmp_path / PARAMETERS).read_text())
+    planner = parameters['/**/muzero_planner']['ros__parameters']
+    given = {key: planner[key] for key in ('model', 'simulations', 'allow_mismatch', 'age_s')}
+    assert given == {'model': str(file), 'simulations': 3, 'allow_mismatch': True, 'age_s': 0.4}
     metadata = json.loads((tmp_path / METADATA).read_text())
     assert metadata['model_sha256'] == hashlib.sha256(file.read_bytes()).hexdigest()
 

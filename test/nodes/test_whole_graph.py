@@ -13,7 +13,7 @@ import yaml
 from portnav_ros.evaluation.bag_episode import read_episode
 from portnav_ros.nodes import preparation
 from portnav_ros.nodes.bringup import Exit, sail
-from portnav_ros.nodes.preparation import GraphOptions
+from portnav_ros.nodes.graph_options import GraphOptions
 from portnav_ros.resources import config_path
 from portnav_ros.types import Outcome
 

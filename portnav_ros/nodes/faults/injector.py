@@ -17,6 +17,7 @@ from portnav_ros.nodes.topics import TOPICS, offered_qos
 Spoil = Callable[[Any], Any | None]  # gives the message to pass on, or None to lose it
 
 FLUSH_S = 0.02
+START_S = 1000.0  # by the driver's clock, which can then jump back without getting below 0
 DRIVER, PLANNER = 'driver', 'planner'  # prefixes of the topics on the far side
 FROM_DRIVER = ('odom', 'scan', 'joint_states')
 TO_DRIVER = ('cmd_actuators',)
@@ -74,6 +75,7 @@ class Injector:
         self.relays = {topic: Relay(node, topic, f'{DRIVER}/{topic}', topic) for topic in FROM_DRIVER}
         self.relays |= {topic: Relay(node, topic, topic, f'{DRIVER}/{topic}') for topic in TO_DRIVER}
         self.relays |= {topic: Relay(node, topic, f'{PLANNER}/{topic}', topic) for topic in FROM_PLANNER}
+        self.shift_clock(START_S)
 
     def shift_clock(self, by_s: float) -> None:
         """Let the driver's clock jump."""
