@@ -1,7 +1,9 @@
-"""A rung of the ladder: knows where the vessels in sight will go, and nothing of those that are not.
+"""Two rungs of the ladder that know the vessels in sight, and nothing of those that are not.
 
-It tells how much of a difficulty the sensor's reach leaves to be solved, between a planner that must guess
-(DWA) and one that knows all (the ceiling). It is also what teaches the learned policy.
+With foresight, a planner knows where they will go: it tells how much of a difficulty the sensor's reach
+leaves to be solved, between a planner that must guess (DWA) and one that knows all (the ceiling). It is also
+what teaches the learned policy. By extrapolation it knows place, heading and speed, as a perfect tracker
+would tell them: what lies between the two is what there is to know of where others mean to go.
 """
 
 from __future__ import annotations
@@ -23,11 +25,14 @@ ACTIONS = ActionParams(tuple(math.radians(offset) for offset in OFFSETS_DEG), re
 
 
 class ForesightPolicy:
-    """Takes the best of 27 actions by rollouts in the true future, every four seconds."""
+    """Takes the best of 27 actions by rollouts in the future, every four seconds."""
 
-    def __init__(self, params: ForesightParams | None = None) -> None:
-        """Look ahead with the given bounds."""
+    def __init__(
+        self, params: ForesightParams | None = None, look_ahead: type[Foresight] = Foresight
+    ) -> None:
+        """Look ahead within the given bounds, by foresight or by extrapolation."""
         self._params = params or ForesightParams()
+        self._look_ahead = look_ahead
         self._foresight: Foresight | None = None
         self._world: World
         self._table = ACTIONS.table()
@@ -46,7 +51,7 @@ class ForesightPolicy:
         """Learn the scenario that vessel b is about to start."""
         if self._foresight is None:
             self._world = World([scenario] * len(self._decision))
-            self._foresight = Foresight(self._world, ACTIONS, self._params)
+            self._foresight = self._look_ahead(self._world, ACTIONS, self._params)
         self._world.reset(b, scenario)
         self._foresight.look(np.arange(len(self._decision)) == b)
 

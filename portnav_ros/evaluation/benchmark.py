@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     module, parser = open_part('benchmark', name, PARTS[name], PACKAGES.get(name, 'evaluation'))
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the figures')
     options = parser.parse_args(arguments.options)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends it as Ctrl-C does, with all it has started
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: with all that it has started
     figures: dict[str, Any] = module.run(options)
     described = {**provenance(), **machine()}
     print(f'benchmark {name}\n{_table(figures)}\n{_table(described)}')

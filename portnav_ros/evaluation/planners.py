@@ -16,6 +16,7 @@ from portnav_ros.muzero.model_file import load_model, released_model
 from portnav_ros.muzero.policy import load_policy
 from portnav_ros.sim.scenario import Scenario
 from portnav_ros.task.policy import Policy
+from portnav_ros.training.foresight import Extrapolation
 
 
 class EvaluationError(ValueError):
@@ -62,6 +63,10 @@ def _foresight(scenario: Scenario, options: ModelOptions) -> Policy:
     return ForesightPolicy()
 
 
+def _extrapolation(scenario: Scenario, options: ModelOptions) -> Policy:
+    return ForesightPolicy(look_ahead=Extrapolation)
+
+
 def _muzero(scenario: Scenario, options: ModelOptions) -> Policy:
     file = options.file or released_model('muzero')
     return load_policy(file, scenario.vessel, scenario.lidar, options.simulations, options.allow_mismatch)
@@ -79,6 +84,7 @@ def _ppo(scenario: Scenario, options: ModelOptions) -> Policy:
 PLANNERS: dict[str, Callable[[Scenario, ModelOptions], Policy]] = {
     'dwa': _dwa,
     'line_of_sight': _line_of_sight,
+    'extrapolation': _extrapolation,  # knows place and velocity of what is in sight
     'foresight': _foresight,  # knows the future of what is in sight
     'ceiling': _ceiling,
     'muzero': _muzero,

@@ -145,6 +145,7 @@ class Foresight:
         time_s: [B] since the episodes began, where that is not the world's own time.
         """
         world = self._world
+        poses, now_s = self.future(world.time_s if time_s is None else time_s)
         course = Course(observation.path, observation.path_length, observation.progress, PATH_SPACING_M)
         value = np.zeros(action.shape, np.float32)
         value_actions(
@@ -153,10 +154,10 @@ class Foresight:
             world.autopilot.gains(),
             observation.own,
             world.memory,
-            world.time_s if time_s is None else time_s,
+            now_s,
             course,
             world.chart,
-            self.poses,
+            poses,
             world.hulls,
             self._table,
             vessels,
@@ -164,6 +165,29 @@ class Foresight:
             value,
         )
         return value
+
+    def future(self, time_s: Array) -> tuple[Array, Array]:
+        """Where the traffic will be, for vessels at the times [B].
+
+        Returns:
+            Poses [B, T, M, 4], one a second: x, y in m, yaw in rad, speed in m/s, NaN where none is; and
+            which of these seconds is now [B].
+        """
+        return self.poses, time_s
+
+
+class Extrapolation(Foresight):
+    """Knows place, heading and speed of the vessels in sight, and supposes that they keep the last two."""
+
+    def future(self, time_s: Array) -> tuple[Array, Array]:
+        """Where the traffic would be; see Foresight."""
+        seconds = np.arange(self._params.horizon_s + 2)
+        x, y, yaw, speed = np.moveaxis(self.poses[np.arange(len(time_s)), np.rint(time_s).astype(int)], -1, 0)
+        ways = seconds[None, :, None] * speed[:, None]
+        still = np.zeros_like(ways)
+        way_x, way_y = ways * np.cos(yaw)[:, None], ways * np.sin(yaw)[:, None]
+        columns = x[:, None] + way_x, y[:, None] + way_y, yaw[:, None] + still, speed[:, None] + still
+        return np.stack(columns, axis=-1), np.zeros(len(time_s))
 
 
 def best_of(lesson: Lesson) -> IntArray:

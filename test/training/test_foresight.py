@@ -10,7 +10,7 @@ from portnav_ros.params import ParamError
 from portnav_ros.sim.scenario_files import load_scenario
 from portnav_ros.task.actions import ActionParams
 from portnav_ros.task.env import PortVectorEnv, TaskParams
-from portnav_ros.training.foresight import Foresight, ForesightParams, best_of, regret_of
+from portnav_ros.training.foresight import Extrapolation, Foresight, ForesightParams, best_of, regret_of
 
 OFFSETS = tuple(math.radians(a) for a in (-45.0, -20.0, 0.0, 20.0, 45.0))
 ACTIONS = ActionParams(OFFSETS, (1.0, 5.0), reference='path', hold=4)
@@ -119,3 +119,18 @@ def test_bad_holds_are_refused():
     env, _ = sailing('no_traffic', 1)
     with pytest.raises(ParamError, match='reference'):
         Foresight(env.world, ActionParams(), ForesightParams())
+
+
+def test_extrapolation_knows_the_present_and_no_turn():
+    env, teacher = sailing('half_crossing')
+    guess = Extrapolation(env.world, ACTIONS, ForesightParams())
+    for _ in range(4):
+        env.step(np.full(2, AHEAD))
+    now = np.rint(env.world.time_s).astype(int)
+    true, guessed = teacher.future(env.world.time_s)[0], guess.future(env.world.time_s)[0]
+    present = true[np.arange(2), now]
+    np.testing.assert_array_equal(guessed[:, 0], present)
+    moved = guessed[:, 10, :, :2] - guessed[:, 0, :, :2]
+    np.testing.assert_allclose(np.hypot(*moved.T), 10.0 * present[..., 3].T)
+    np.testing.assert_allclose(np.arctan2(moved[..., 1], moved[..., 0]), present[..., 2], atol=1e-9)
+    assert not np.allclose(guessed[:, 60], true[np.arange(2), now + 60], atol=5.0)  # it stops across the path
