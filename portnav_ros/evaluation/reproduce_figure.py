@@ -136,7 +136,7 @@ def _measured_dwa(file: Path, place: Place, arguments: argparse.Namespace) -> di
 
 
 def _caption(curves: Sequence[_Curves], place: Place, dwa: dict[str, Any] | None) -> str:
-    parts = [f'{TITLES[c.algorithm]}: {len(c.runs)} seeds' for c in curves]
+    parts = [f'{TITLES[c.algorithm]}: {len(c.runs)} seed{"s" * (len(c.runs) != 1)}' for c in curves]
     if dwa is not None:
         parts.append(f'DWA: {dwa["episodes"]} validation episodes')
     return (
