@@ -40,9 +40,9 @@ def mctx(name: str, weights: Weights, discount: float, simulations: int) -> Any:
 class JaxNetworks:
     """`muzero.inference` once more, in JAX."""
 
-    def __init__(self, jax: Any, library: Any, weights: Any, discount: float) -> None:
+    def __init__(self, jax: Any, mctx: Any, weights: Any, discount: float) -> None:
         """Take the modules, weights as JAX arrays, and the discount of one decision."""
-        self.jax, self.library, self.weights, self.discount = jax, library, weights, discount
+        self.jax, self.mctx, self.weights, self.discount = jax, mctx, weights, discount
 
     def root(self, observation: Any) -> Any:
         """What mctx wants of the root."""
@@ -50,7 +50,7 @@ class JaxNetworks:
         out = self._body(observation, w.represent, 0) @ w.represent_out.weight + w.represent_out.bias
         latent = self._norm(out, w.represent_norm)
         logits, value = self._predict(latent)
-        return self.library.RootFnOutput(prior_logits=logits, value=value, embedding=latent)
+        return self.mctx.RootFnOutput(prior_logits=logits, value=value, embedding=latent)
 
     def recur(self, _params: Any, _key: Any, action: Any, latent: Any) -> Any:
         """What mctx wants of a step, and the next latent."""
@@ -60,7 +60,7 @@ class JaxNetworks:
         logits, value = self._predict(after)
         reward = self.jax.nn.softmax(out[:, size : size + bins]) @ w.reward_atoms
         going_on = self.jax.nn.sigmoid(out[:, size + bins])
-        output = self.library.RecurrentFnOutput(
+        output = self.mctx.RecurrentFnOutput(
             reward=reward, discount=self.discount * going_on, prior_logits=logits, value=value
         )
         return output, after
