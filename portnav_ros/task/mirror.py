@@ -9,6 +9,7 @@ import numpy as np
 from portnav_ros.params import ParamError
 from portnav_ros.task.actions import ActionParams
 from portnav_ros.task.observation import ObservationParams
+from portnav_ros.task.tracking import MIRRORED_SIGN, MIRRORED_TRACK, TRACK_SIZE
 from portnav_ros.types import AnyArray, Array32, IntArray
 
 
@@ -46,4 +47,7 @@ def mirror_of(observation: ObservationParams, actions: ActionParams) -> Mirror:
     setpoint = first_point + 2 * observation.path_points
     sign[[yaw_rate, e_y, e_psi, setpoint]] = -1.0
     sign[first_point + 1 : setpoint : 2] = -1.0
+    first_track = observation.size - observation.tracks * TRACK_SIZE
+    feature[first_track:] = feature[first_track:].reshape(-1, TRACK_SIZE)[:, MIRRORED_TRACK].ravel()
+    sign[first_track:] = np.tile(MIRRORED_SIGN, observation.tracks)
     return Mirror(feature, sign, mirrored)

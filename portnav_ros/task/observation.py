@@ -19,6 +19,7 @@ from portnav_ros.sim.scenario import PATH_SPACING_M, LidarParams
 from portnav_ros.task.aligned import new_memory, remember
 from portnav_ros.task.observation_rows import Scales, locate, write_aligned_rows, write_stacked_rows
 from portnav_ros.task.policy import Observation
+from portnav_ros.task.tracking import SLOTS, TRACK_SIZE, follow, new_tracks
 from portnav_ros.types import YAW, AnyArray, Array, Array32, BoolArray
 
 
@@ -29,16 +30,19 @@ class ObservationParams:
     layout: `stacked` is the paper's, whole frames one after the other; `aligned` holds scans of several
     ages in the frame of the line-of-sight course. frames: of the layout `stacked`. ages: of the scans of
     the layout `aligned`, in decision periods, from 0 to 120. sectors: into which rays are pooled by their
-    minimum. path_points: how many points ahead on the path. path_point_spacing_m: between two of these
-    points. lookahead_m: of the line-of-sight point b. position_scale_m: unit of the path errors.
-    speed_scale_mps: unit of speeds. yaw_rate_scale_radps: unit of yaw rates. heading_change_scale_rad:
-    unit of the previous action's heading change. remaining_scale_m: unit of the distance left.
+    minimum. tracks: how many the layout `aligned` tells of, of the nearest things that stand alone
+    (task/tracking.py); none by default. path_points: how many points ahead on the path.
+    path_point_spacing_m: between two of these points. lookahead_m: of the line-of-sight point b.
+    position_scale_m: unit of the path errors. speed_scale_mps: unit of speeds. yaw_rate_scale_radps: unit
+    of yaw rates. heading_change_scale_rad: unit of the previous action's heading change.
+    remaining_scale_m: unit of the distance left.
     """
 
     layout: Literal['stacked', 'aligned'] = 'stacked'
     frames: int = 4
     ages: tuple[int, ...] = (0, 2, 5, 10)
     sectors: int = 60
+    tracks: int = 0
     path_points: int = 10
     path_point_spacing_m: float = 30.0
     lookahead_m: float = 100.0
@@ -50,6 +54,7 @@ class ObservationParams:
     ranges: ClassVar[Ranges] = {
         'frames': (1, 64),
         'sectors': (1, 4096),
+        'tracks': (0, SLOTS),
         'path_points': (1, 100),
         'path_point_spacing_m': (1.0, 1000.0),
         'lookahead_m': (1.0, 1000.0),
@@ -67,6 +72,8 @@ class ObservationParams:
             raise ParamError(f'layout = {self.layout!r} must be stacked or aligned')
         if not self.ages or min(self.ages) < 0 or max(self.ages) > 120:
             raise ParamError(f'ages = {self.ages} needs values from 0 to 120')
+        if self.tracks and self.layout != 'aligned':
+            raise ParamError(f'tracks = {self.tracks} needs layout = aligned')
 
     @property
     def frame_size(self) -> int:
@@ -77,7 +84,8 @@ class ObservationParams:
     def size(self) -> int:
         """Length F of the feature vector, newest frame first."""
         if self.layout == 'aligned':
-            return self.frame_size + (len(self.ages) - 1) * self.sectors + 1
+            scans = (len(self.ages) - 1) * self.sectors
+            return self.frame_size + scans + 1 + self.tracks * TRACK_SIZE
         return self.frames * self.frame_size
 
 
@@ -108,6 +116,7 @@ class Observer:
         self._ages = np.array(params.ages, np.int64)
         depth = max(params.ages) + 1 if params.layout == 'aligned' else 0
         self._memory = new_memory(batch, depth, lidar.rays)
+        self._tracks = new_tracks(batch if params.tracks else 0)
         self._features = np.zeros((batch, params.size), np.float32)
         self._path = np.zeros((batch, 2, 2))
         self._count = np.full(batch, 2, np.int64)
@@ -157,6 +166,7 @@ class Observer:
             'last_yaw': self._last_yaw,
             'features': self._features,
             **{f'memory_{name}': array for name, array in self._memory._asdict().items()},
+            **({'tracks': self._tracks} if self.params.tracks else {}),
         }
 
     def update(
@@ -181,11 +191,14 @@ class Observer:
         locate(self._scales.lookahead_m, own, self._path, self._count, self._progress, self._errors, chosen)
         if self.params.layout == 'aligned':
             remember(self._memory, own, ranges, fresh, chosen)
+            if self.params.tracks:
+                follow(self._tracks, own, ranges, self._scales.range_m, fresh, chosen)
             if deciding:
                 write_aligned_rows(
                     self._scales,
                     self._ages,
                     self._memory,
+                    self._tracks,
                     own,
                     setpoint,
                     self._path,

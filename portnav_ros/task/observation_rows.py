@@ -12,6 +12,7 @@ from portnav_ros.geometry import to_body, wrap_angle
 from portnav_ros.sim.scenario import PATH_SPACING_M
 from portnav_ros.task.aligned import ScanMemory, write_aligned
 from portnav_ros.task.path_errors import advance, path_errors, path_point
+from portnav_ros.task.tracking import write_tracks
 from portnav_ros.types import SURGE, YAW, YAW_RATE, Array, Array32, BoolArray, IntArray, X, Y
 
 
@@ -83,6 +84,7 @@ def write_aligned_rows(
     scales: Scales,
     ages: IntArray,
     memory: ScanMemory,
+    tracks: Array,
     own: Array,
     setpoint: Array,
     path: Array,
@@ -93,7 +95,7 @@ def write_aligned_rows(
     features: Array32,
     which: BoolArray,
 ) -> None:
-    """Closeness by age and sector, motion and errors, path points, setpoint, what remains of the path.
+    """Closeness by age and sector, motion and errors, path points, setpoint, what remains, tracks.
 
     The setpoint is the one given at the last decision, its heading counted from the course.
     """
@@ -108,6 +110,8 @@ def write_aligned_rows(
         row[at] = 0.0 if fresh[b] else wrap_angle(setpoint[b, 0] - course) / scales.heading_change_rad
         row[at + 1] = 0.0 if fresh[b] else setpoint[b, 1] / scales.speed_mps
         row[at + 2] = (count[b] - 1 - progress[b]) * PATH_SPACING_M / scales.remaining_m
+        if len(tracks):
+            write_tracks(tracks[b], own[b], course, scales.range_m, scales.speed_mps, row[at + 3 :])
 
 
 @njit(cache=True, nogil=True)

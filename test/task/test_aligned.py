@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -8,6 +9,7 @@ from portnav_ros.sim.lidar import ray_directions
 from portnav_ros.sim.scenario import LidarParams
 from portnav_ros.task.actions import ActionParams, setpoints_of
 from portnav_ros.task.observation import ObservationParams, Observer
+from portnav_ros.task.tracking import TRACK_KNOWN, TRACK_SIZE
 
 LIDAR = LidarParams(rays=180, range_max_m=300.0)
 SECTORS = 60
@@ -96,6 +98,31 @@ def test_a_wall_seen_from_afar_has_no_gap_when_close():
 
 def test_nothing_in_reach_is_zero():
     assert not sail(track([0.0]), [(2000.0, 0.0)])[: 2 * SECTORS].any()
+
+
+def test_tracks_come_last_and_only_with_aligned_scans():
+    watching = dataclasses.replace(PARAMS, tracks=3)
+    assert watching.size == PARAMS.size + 3 * TRACK_SIZE
+    with pytest.raises(ParamError, match='tracks = 3 needs layout = aligned'):
+        ObservationParams(tracks=3)
+    with pytest.raises(ParamError, match='tracks'):
+        ObservationParams(layout='aligned', tracks=-1)
+
+
+def test_tracks_survive_a_checkpoint():
+    params = dataclasses.replace(PARAMS, tracks=3)
+    first, second = Observer(1, LIDAR, params), Observer(1, LIDAR, params)
+    first.reset(np.array([True]), [PATH])
+    rows = track(np.zeros(6))
+    for k, own in enumerate(rows):
+        scan = disc_scan(own, (350.0 - 4.0 * k, 10.0), 8.0)[None]
+        if k == 4:
+            second.load_state_dict(first.state_dict())
+            later = second.update(own[None], scan, np.zeros((1, 2))).features.copy()
+        seen = first.update(own[None], scan, np.zeros((1, 2))).features
+        if k == 4:
+            np.testing.assert_array_equal(later, seen)
+            assert seen[0, -3 * TRACK_SIZE + TRACK_KNOWN] == pytest.approx(0.25)
 
 
 def test_ages_are_refused_with_their_value():

@@ -10,6 +10,7 @@ from portnav_ros.sim.scenario import LidarParams
 from portnav_ros.task.actions import ActionParams
 from portnav_ros.task.mirror import mirror_of
 from portnav_ros.task.observation import ObservationParams, Observer
+from portnav_ros.task.tracking import TRACK_KNOWN, TRACK_SIZE
 
 ALIGNED = ObservationParams(layout='aligned', ages=(0, 2), sectors=60)
 LIDAR = LidarParams(rays=180, range_max_m=300.0)
@@ -41,9 +42,35 @@ def test_features_of_the_mirrored_scene():
     assert same.mean() > 0.95  # a point on the edge of two sectors may fall into either
 
 
-def test_twice_mirrored_is_as_before():
-    mirror = mirror_of(ALIGNED, ActionParams())
-    values = np.random.default_rng(1).normal(size=(3, ALIGNED.size)).astype(np.float32)
+def test_tracks_of_the_mirrored_scene():
+    """Also their ends, which change places."""
+    params = dataclasses.replace(ALIGNED, tracks=3)
+    mirror = mirror_of(params, ActionParams())
+    path = np.column_stack([np.arange(0.0, 800.0, 10.0), np.zeros(80)])
+    told = []
+    for sign in (1.0, -1.0):
+        observer = Observer(1, LIDAR, params)
+        observer.reset(np.array([True]), [path])
+        for t in range(5):
+            ranges = np.full(LIDAR.rays, LIDAR.range_max_m, np.float32)
+            ranges[70 + t : 75 + t] = 120.0 + np.arange(5.0) - 4.0 * t
+            ranges[110:118] = 80.0 - 2.0 * np.arange(8.0)
+            if sign < 0:
+                ranges = np.roll(ranges[::-1], 1)
+            own = np.array([[4.0 * t, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0]])
+            features = observer.update(own, ranges[None], np.zeros((1, 2)))
+        told.append(features.features[0, -3 * TRACK_SIZE :])
+    assert (told[0].reshape(3, TRACK_SIZE)[:, TRACK_KNOWN] > 0.0).tolist() == [True, True, False]
+    assert np.abs(told[0] - told[1]).max() > 0.1
+    mirrored = mirror.features(np.concatenate([np.zeros(params.size - 3 * TRACK_SIZE), told[0]]))
+    np.testing.assert_allclose(mirrored[-3 * TRACK_SIZE :], told[1], atol=1e-5)
+
+
+@pytest.mark.parametrize('tracks', [0, 2])
+def test_twice_mirrored_is_as_before(tracks):
+    params = dataclasses.replace(ALIGNED, tracks=tracks)
+    mirror = mirror_of(params, ActionParams())
+    values = np.random.default_rng(1).normal(size=(3, params.size)).astype(np.float32)
     np.testing.assert_array_equal(mirror.features(mirror.features(values)), values)
     np.testing.assert_array_equal(mirror.action[mirror.action], np.arange(27))
 
