@@ -23,6 +23,7 @@ from portnav_ros.muzero.layers import (
 )
 from portnav_ros.muzero.tree import Step, new_step
 from portnav_ros.task.mirror import Mirror
+from portnav_ros.task.tracking import TRACK_KNOWN, TRACK_SIZE
 from portnav_ros.types import AnyArray, Array32
 
 SCAN_KERNEL = 5  # sectors that a convolution sees
@@ -64,13 +65,38 @@ class Scan(NamedTuple):
         return (self.sectors // self.stride) * len(self.layers[-1].bias) + features - self.ages * self.sectors
 
 
+class TrackSum(NamedTuple):
+    """Networks that look at the rest of the features, and at each of the track slots with which they end."""
+
+    context: tuple[Layer, ...]
+    each: tuple[Layer, ...]
+    slots: int
+
+    @property
+    def outputs(self) -> int:
+        """Number of values made."""
+        return self.context[-1].weight.shape[1] + self.each[-1].weight.shape[1]
+
+
+class Eyes(NamedTuple):
+    """What a representation begins with, before its layers; neither by default."""
+
+    scan: Scan | None = None
+    tracks: TrackSum | None = None
+
+    def see(self, observation: Array32) -> Array32:
+        """What the layers get of observations [B, F]."""
+        values = observation if self.scan is None else run_scan(self.scan, observation)
+        return values if self.tracks is None else run_tracks(self.tracks, values)
+
+
 class NumpyModel:
     """A `Model` of trained weights."""
 
-    def __init__(self, weights: Weights, discount: float, scan: Scan | None = None) -> None:
-        """Take weights, the discount of one decision, and convolutions if there are any."""
+    def __init__(self, weights: Weights, discount: float, eyes: Eyes = Eyes()) -> None:  # noqa: B008
+        """Take weights, the discount of one decision, and what looks at the features first."""
         self.weights = weights
-        self.scan = scan
+        self.eyes = eyes
         self.discount = np.float32(discount)
         self.actions = weights.dynamics[0].bias.shape[0]
         self.latent = weights.dynamics_norm.shape[1]
@@ -83,14 +109,8 @@ class NumpyModel:
 
     def represent(self, observation: Array32) -> Array32:
         """Latent [B, L] of observations [B, F]."""
-        values = np.ascontiguousarray(observation, np.float32)
-        if self.scan is not None:
-            values = run_scan(self.scan, values)
-        none = np.zeros(len(values), np.int32)
-        for layer in self.weights.represent:
-            hidden = np.empty((len(values), layer.weight.shape[1]), np.float32)
-            run_layer(values, layer, none, hidden)
-            values = hidden
+        values = self.eyes.see(np.ascontiguousarray(observation, np.float32))
+        values = run_layers(values, self.weights.represent)
         out = values @ self.weights.represent_out.weight + self.weights.represent_out.bias
         for row in out:
             normalise(row, self.weights.represent_norm)
@@ -124,9 +144,9 @@ class MirroredModel(NumpyModel):
     Of what both say of policy and value it takes the mean: the physics knows no side, a network does.
     """
 
-    def __init__(self, weights: Weights, discount: float, scan: Scan | None, mirror: Mirror) -> None:
+    def __init__(self, weights: Weights, discount: float, eyes: Eyes, mirror: Mirror) -> None:
         """Take what a NumpyModel takes, and how the task is mirrored."""
-        super().__init__(weights, discount, scan)
+        super().__init__(weights, discount, eyes)
         self._mirror = mirror
 
     def begin(self, observation: Array32) -> Beginning:
@@ -138,7 +158,7 @@ class MirroredModel(NumpyModel):
 
 def numpy_model(state: Mapping[str, AnyArray], speeds: int, discount: float) -> NumpyModel:
     """Make a model of a state dict of `networks.Network`; see `weights_of`."""
-    return NumpyModel(weights_of(state, speeds), discount, scan_of(state))
+    return NumpyModel(weights_of(state, speeds), discount, eyes_of(state))
 
 
 def weights_of(state: Mapping[str, AnyArray], speeds: int) -> Weights:
@@ -176,8 +196,23 @@ def weights_of(state: Mapping[str, AnyArray], speeds: int) -> Weights:
     )
 
 
-def scan_of(state: Mapping[str, AnyArray]) -> Scan | None:
-    """The convolutions of a state dict of `networks.Network`, or None."""
+def eyes_of(state: Mapping[str, AnyArray]) -> Eyes:
+    """What the representation of a state dict of `networks.Network` begins with.
+
+    Raises:
+        KeyError: an array is missing.
+    """
+    return Eyes(_scan_of(state), _tracks_of(state))
+
+
+def _tracks_of(state: Mapping[str, AnyArray]) -> TrackSum | None:
+    if 'representation.tracks.shape' not in state:
+        return None
+    context, each = (tuple(_layers(state, f'representation.tracks.{name}')) for name in ('context', 'each'))
+    return TrackSum(context, each, int(state['representation.tracks.shape'][0]))
+
+
+def _scan_of(state: Mapping[str, AnyArray]) -> Scan | None:
     if 'representation.scan.shape' not in state:
         return None
     ages, sectors = (int(size) for size in state['representation.scan.shape'])
@@ -194,12 +229,45 @@ def run_scan(scan: Scan, features: Array32) -> Array32:
     count, size = len(features), scan.ages * scan.sectors
     values = features[:, :size].reshape(count, scan.ages, scan.sectors).transpose(0, 2, 1)
     for k, layer in enumerate(scan.layers):
-        sectors = values.shape[1]
-        places = np.arange(0, sectors, SCAN_STRIDE if k else 1)
-        around = (places[:, None] + np.arange(SCAN_KERNEL) - SCAN_KERNEL // 2) % sectors
-        seen = values[:, around].reshape(count * len(places), -1)
-        values = np.maximum(seen @ layer.weight + layer.bias, 0.0).reshape(count, len(places), -1)
+        seen = around(values, SCAN_STRIDE if k else 1)
+        values = np.maximum(seen @ layer.weight + layer.bias, 0.0).reshape(count, -1, len(layer.bias))
     return np.hstack([values.transpose(0, 2, 1).reshape(count, -1), features[:, size:]])
+
+
+def run_tracks(tracks: TrackSum, values: Array32) -> Array32:
+    """What the networks make of values [B, F] that end with tracks."""
+    rows, size = len(values), tracks.slots * TRACK_SIZE
+    context = run_layers(np.ascontiguousarray(values[:, :-size]), tracks.context)
+    each = values[:, -size:].reshape(rows * tracks.slots, TRACK_SIZE)
+    known = np.flatnonzero(each[:, TRACK_KNOWN] > 0.0)
+    of = known // tracks.slots
+    said = run_layers(np.hstack([each[known], context[of]]), tracks.each)
+    total = np.zeros((rows, said.shape[1]), np.float32)
+    np.add.at(total, of, said)
+    return np.hstack([context, total])
+
+
+def run_layers(values: Array32, layers: tuple[Layer, ...]) -> Array32:
+    """Send values [B, F] through layers."""
+    none = np.zeros(len(values), np.int32)
+    for layer in layers:
+        hidden = np.empty((len(values), layer.weight.shape[1]), np.float32)
+        run_layer(values, layer, none, hidden)
+        values = hidden
+    return values
+
+
+def around(values: Array32, stride: int) -> Array32:
+    """What a convolution sees of values [B, S, C] at every `stride`th sector, [B * places, kernel * C]."""
+    count, sectors, channels = values.shape
+    reach = SCAN_KERNEL // 2
+    ring = np.empty((count, sectors + 2 * reach, channels), np.float32)
+    ring[:, reach:-reach] = values
+    ring[:, :reach], ring[:, -reach:] = values[:, -reach:], values[:, :reach]
+    shape = count, -(-sectors // stride), SCAN_KERNEL * channels
+    row, sector, value = ring.strides
+    windows = np.lib.stride_tricks.as_strided(ring, shape, (row, stride * sector, value), writeable=False)
+    return windows.reshape(-1, shape[2])
 
 
 def _float(values: AnyArray) -> Array32:

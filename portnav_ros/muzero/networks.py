@@ -18,6 +18,9 @@ from torch.nn import functional
 from portnav_ros.muzero.atoms import AtomParams
 from portnav_ros.muzero.inference import SCAN_KERNEL, SCAN_STRIDE
 from portnav_ros.params import ParamError, Ranges, check_ranges
+from portnav_ros.task.tracking import SLOTS, TRACK_KNOWN, TRACK_SIZE
+
+HIDDEN = ('represent_hidden', 'dynamics_hidden', 'predict_hidden', 'context_hidden', 'track_hidden')
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,9 @@ class NetworkParams:
     scan_channels: of the convolutions, none by default. scan_shape: ages and sectors of the scans that
     the features begin with, read only where there are convolutions. alive: whether the dynamics tells
     with what probability the episode goes on; without it an end is worth what the value head says of
-    absorbing states.
+    absorbing states. tracks: how many the features end with; where there are some, a small network
+    looks at each of them beside what the rest of the scene says, and their sum is added to that.
+    context_hidden: of what the rest of the scene says, track_hidden: of a track; read only where there are.
     """
 
     latent: int = 32
@@ -39,12 +44,15 @@ class NetworkParams:
     alive: bool = False
     scan_channels: tuple[int, ...] = ()
     scan_shape: tuple[int, int] = (4, 90)
-    ranges: ClassVar[Ranges] = {'latent': (1, 4096)}
+    tracks: int = 0
+    context_hidden: tuple[int, ...] = (384, 128)
+    track_hidden: tuple[int, ...] = (128, 128)
+    ranges: ClassVar[Ranges] = {'latent': (1, 4096), 'tracks': (0, SLOTS)}
 
     def __post_init__(self) -> None:
         """Refuse empty layers."""
         check_ranges(self)
-        for name in ('represent_hidden', 'dynamics_hidden', 'predict_hidden'):
+        for name in HIDDEN:
             if not getattr(self, name) or min(getattr(self, name)) < 1:
                 raise ParamError(
                     f'{name} = {getattr(self, name)} needs at least one layer of at least one unit'
@@ -125,6 +133,8 @@ class Representation(nn.Module):
         super().__init__()
         self.scan = Scan(params) if params.scan_channels else None
         inputs = observation if self.scan is None else self.scan.outputs(observation)
+        self.tracks = TrackSum(inputs, params) if params.tracks else None
+        inputs = inputs if self.tracks is None else self.tracks.outputs
         self.body = body(inputs, params.represent_hidden)
         self.out = nn.Linear(params.represent_hidden[-1], params.latent)
         self.norm = nn.LayerNorm(params.latent)
@@ -132,6 +142,7 @@ class Representation(nn.Module):
     def forward(self, observation: Tensor) -> Tensor:
         """Return latents [B, L]."""
         values = observation if self.scan is None else self.scan(observation)
+        values = values if self.tracks is None else self.tracks(values)
         normed: Tensor = self.norm(self.out(self.body(values)))
         return normed
 
@@ -170,6 +181,33 @@ class Scan(nn.Module):
         for layer in self.layers:
             values = functional.relu(layer(values))
         return torch.cat([values.flatten(1), observation[:, size:]], 1)
+
+
+class TrackSum(nn.Module):
+    """The tracks with which the features end, each seen beside the rest, and added up.
+
+    What one vessel means is learned once for all of them (Zaheer et al., Deep Sets, 2017).
+    """
+
+    shape: Tensor
+
+    def __init__(self, inputs: int, params: NetworkParams) -> None:
+        super().__init__()
+        self.size = params.tracks * TRACK_SIZE
+        self.context = body(inputs - self.size, params.context_hidden)
+        self.each = body(TRACK_SIZE + params.context_hidden[-1], params.track_hidden)
+        self.outputs = params.context_hidden[-1] + params.track_hidden[-1]
+        self.register_buffer('shape', torch.tensor([params.tracks, TRACK_SIZE]))
+
+    def forward(self, values: Tensor) -> Tensor:
+        """Map values [B, F] to [B, outputs]."""
+        context = self.context(values[:, : -self.size])
+        tracks = values[:, -self.size :].reshape(-1, TRACK_SIZE)
+        known = (tracks[:, TRACK_KNOWN] > 0.0).nonzero()[:, 0]
+        of = known // (self.size // TRACK_SIZE)
+        said = self.each(torch.cat([tracks[known], context[of].to(tracks.dtype)], 1))
+        total = said.new_zeros(len(values), said.shape[1]).index_add(0, of, said)
+        return torch.cat([context, total], 1)
 
 
 class Dynamics(nn.Module):

@@ -6,7 +6,7 @@ decision depends on how many are made together.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -16,13 +16,14 @@ import numpy as np
 from portnav_ros.muzero import ModelError
 from portnav_ros.muzero.inference import (
     SCAN_KERNEL,
+    Eyes,
     MirroredModel,
     NumpyModel,
     Scan,
-    scan_of,
+    eyes_of,
     weights_of,
 )
-from portnav_ros.muzero.layers import Weights
+from portnav_ros.muzero.layers import Head, Layer, Weights
 from portnav_ros.muzero.model_file import Card, Model, check_sensor, check_vessel, load_model
 from portnav_ros.muzero.rollout import predicted_track
 from portnav_ros.muzero.search import Search, SearchParams
@@ -31,7 +32,8 @@ from portnav_ros.sim.scenario import LidarParams
 from portnav_ros.task.agent import AgentPolicy
 from portnav_ros.task.mirror import mirror_of
 from portnav_ros.task.policy import Observation
-from portnav_ros.types import AnyArray, Array, Array32, BoolArray, IntArray
+from portnav_ros.task.tracking import TRACK_SIZE
+from portnav_ros.types import Array, Array32, BoolArray, IntArray
 from portnav_ros.vessel import VesselParams
 
 
@@ -144,12 +146,12 @@ def _prior_decision(networks: NumpyModel, features: Array32) -> Decision:
 
 def _networks(model: Model) -> NumpyModel:
     """The networks, that look at a scene and its mirror image where the task has one."""
-    card, weights, scan = model.card, _weights(model), scan_of(model.tensors)
+    card, weights, eyes = model.card, _weights(model), eyes_of(model.tensors)
     try:
         mirror = mirror_of(card.task.observation, card.task.actions)
     except ParamError:
-        return NumpyModel(weights, card.discount, scan)
-    return MirroredModel(weights, card.discount, scan, mirror)
+        return NumpyModel(weights, card.discount, eyes)
+    return MirroredModel(weights, card.discount, eyes, mirror)
 
 
 def _search(model: Model, networks: NumpyModel, simulations: int | None) -> Search | None:
@@ -174,20 +176,18 @@ def _weights(model: Model) -> Weights:
         )
     try:
         weights = weights_of(model.tensors, len(model.card.task.actions.speed_mps))
+        eyes = eyes_of(model.tensors)
     except KeyError as error:
         raise ModelError(f'{model.path}: no tensor {error}; save the model again') from error
     except (ValueError, IndexError) as error:
         raise ModelError(f'{model.path}: the tensors do not fit each other ({error})') from error
-    _check_widths(model.path, model.card, weights, model.tensors)
+    _check_widths(model.path, model.card, weights, eyes)
     return weights
 
 
-def _check_widths(path: Path, card: Card, weights: Weights, tensors: Mapping[str, AnyArray]) -> None:
+def _check_widths(path: Path, card: Card, weights: Weights, eyes: Eyes) -> None:
     latent, actions = weights.dynamics_norm.shape[1], card.task.actions.count
-    scan, features = scan_of(tensors), card.task.observation.size
-    if scan is not None:
-        _check_scan(path, scan, features)
-        features = scan.outputs(features)
+    features = _check_eyes(path, card, eyes)
     reward, value = len(weights.reward_atoms), len(weights.value_atoms)
     alive = int(weights.dynamics_out.weight.shape[1] == latent + reward + 1)
     for part, inputs, layers, out, outputs in (
@@ -195,14 +195,42 @@ def _check_widths(path: Path, card: Card, weights: Weights, tensors: Mapping[str
         ('dynamics', latent, weights.dynamics, weights.dynamics_out, latent + reward + alive),
         ('prediction', latent, weights.predict, weights.predict_out, actions + value),
     ):
-        widths = [layer.weight.shape[1] for layer in layers]
-        added = [array.shape[-1] for layer in layers for array in layer[1:]]  # biases and norms
-        found = [*(layer.weight.shape[0] for layer in layers), *out.weight.shape, *added, len(out.bias)]
-        expected = [inputs, *widths, outputs, *(width for width in widths for _ in range(2)), outputs]
-        if found != expected:
-            raise ModelError(f'{path}: {part}: layers of widths {found}, expected {expected} from its card')
+        _check_layers(path, part, inputs, layers, (out, outputs))
     if len(weights.dynamics[0].bias) != actions or weights.represent_norm.shape[1] != latent:
         raise ModelError(f'{path}: dynamics: made for other actions than the {actions} of its card')
+
+
+def _check_layers(
+    path: Path, part: str, inputs: int, layers: Sequence[Layer], last: tuple[Head, int] | None = None
+) -> None:
+    """Refuse layers that do not fit each other, or the head and the outputs that come `last`."""
+    widths = [layer.weight.shape[1] for layer in layers]
+    found = [layer.weight.shape[0] for layer in layers]
+    expected = [inputs, *widths[: len(layers) - 1]]
+    if last is not None:
+        found += [*last[0].weight.shape, len(last[0].bias)]
+        expected += [widths[-1], last[1], last[1]]
+    found += [array.shape[-1] for layer in layers for array in layer[1:]]  # biases and norms
+    expected += [width for width in widths for _ in range(2)]
+    if found != expected:
+        raise ModelError(f'{path}: {part}: layers of widths {found}, expected {expected} from its card')
+
+
+def _check_eyes(path: Path, card: Card, eyes: Eyes) -> int:
+    """Number of values that the representation's layers get."""
+    features = card.task.observation.size
+    if eyes.scan is not None:
+        _check_scan(path, eyes.scan, features)
+        features = eyes.scan.outputs(features)
+    if eyes.tracks is None:
+        return features
+    known = card.task.observation.tracks
+    if eyes.tracks.slots != known:
+        raise ModelError(f'{path}: tracks: made for {eyes.tracks.slots}, its card observes {known}')
+    context, each = eyes.tracks.context, eyes.tracks.each
+    _check_layers(path, 'tracks.context', features - known * TRACK_SIZE, context)
+    _check_layers(path, 'tracks.each', TRACK_SIZE + context[-1].weight.shape[1], each)
+    return eyes.tracks.outputs
 
 
 def _check_scan(path: Path, scan: Scan, features: int) -> None:

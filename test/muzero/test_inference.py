@@ -4,6 +4,7 @@ import pytest
 from portnav_ros.muzero.exponential import exp_negative
 from portnav_ros.muzero.inference import NumpyModel, numpy_model, weights_of
 from portnav_ros.muzero.layers import expectation
+from portnav_ros.task.tracking import TRACK_KNOWN, TRACK_SIZE
 
 
 def test_exponential():
@@ -71,6 +72,45 @@ def test_convolutions_are_those_of_torch():
     with torch.no_grad():
         expected = oracle.represent(torch.from_numpy(observation))
     np.testing.assert_allclose(model.represent(observation), expected, rtol=1e-4, atol=1e-5)
+
+
+def test_tracks_are_seen_as_torch_does():
+    torch = pytest.importorskip('torch')
+    from portnav_ros.muzero.networks import Network, NetworkParams
+
+    torch.manual_seed(0)
+    params = NetworkParams(
+        8, scan_channels=(6,), scan_shape=(2, 24), tracks=3, context_hidden=(20, 16), track_hidden=(12, 14)
+    )
+    oracle = Network(2 * 24 + 5 + 3 * TRACK_SIZE, 9, 3, params)
+    state = {name: tensor.numpy() for name, tensor in oracle.state_dict().items()}
+    observation = np.random.default_rng(0).standard_normal((5, 89)).astype(np.float32)
+    known = observation[:, 53:].reshape(5, 3, TRACK_SIZE)[:, :, TRACK_KNOWN]
+    known[0], known[1] = -1.0, 0.5  # none, and all
+    model = numpy_model(state, 3, 0.9)
+    with torch.no_grad():
+        expected = oracle.represent(torch.from_numpy(observation))
+    np.testing.assert_allclose(model.represent(observation), expected, rtol=1e-4, atol=1e-5)
+    alone = np.concatenate([model.represent(row[None]) for row in observation])
+    np.testing.assert_allclose(alone, expected, rtol=1e-4, atol=1e-5)
+
+
+def test_neither_the_order_of_tracks_nor_what_unknown_ones_hold_matters():
+    torch = pytest.importorskip('torch')
+    from portnav_ros.muzero.networks import Network, NetworkParams
+
+    torch.manual_seed(0)
+    oracle = Network(5 + 3 * TRACK_SIZE, 9, 3, NetworkParams(8, tracks=3))
+    model = numpy_model({name: tensor.numpy() for name, tensor in oracle.state_dict().items()}, 3, 0.9)
+    observation = np.random.default_rng(0).standard_normal((1, 5 + 3 * TRACK_SIZE)).astype(np.float32)
+    tracks = observation[:, 5:].reshape(3, TRACK_SIZE)
+    tracks[:, TRACK_KNOWN] = 1.0, 0.0, 0.4
+    before = model.represent(observation)
+    tracks[:] = tracks[[2, 0, 1]]
+    tracks[2, :TRACK_KNOWN] = 5.0
+    np.testing.assert_allclose(model.represent(observation), before, rtol=1e-4, atol=1e-5)
+    tracks[0, 0] += 1.0
+    assert np.abs(model.represent(observation) - before).max() > 1e-3
 
 
 def test_a_turn_of_the_scan_turns_what_the_convolutions_say():

@@ -166,6 +166,53 @@ def test_tensors_that_do_not_fit_each_other_are_refused(path, tmp_path, name, te
         load(tmp_path / 'm.safetensors')
 
 
+WATCHING = TaskParams(
+    ObservationParams(layout='aligned', ages=(0,), sectors=12, tracks=2),
+    ActionParams((-0.5, 0.0, 0.5), hold=2),
+)
+
+
+@pytest.fixture(scope='module')
+def watching():
+    """Tensors of a network that looks at tracks."""
+    torch = pytest.importorskip('torch')
+    from portnav_ros.muzero.networks import Network, NetworkParams
+
+    torch.manual_seed(0)
+    params = NetworkParams(16, tracks=2, context_hidden=(12, 8), track_hidden=(8,))
+    network = Network(WATCHING.observation.size, 3, len(WATCHING.actions.speed_mps), params)
+    return {name: tensor.float().numpy() for name, tensor in network.state_dict().items()}
+
+
+def test_a_policy_that_looks_at_tracks_sails(path, tmp_path, scenarios, watching):
+    model = dataclasses.replace(load_model(path).card, task=WATCHING)
+    save_model(tmp_path / 'm.safetensors', watching, model)
+    assert np.isfinite(sail(load(tmp_path / 'm.safetensors'), scenarios)).all()
+
+
+@pytest.mark.parametrize(
+    ('name', 'tensor', 'reason'),
+    [
+        (
+            'representation.tracks.shape',
+            np.array([3.0, 12.0], np.float32),
+            'tracks: made for 3, its card observes 2',
+        ),
+        ('representation.tracks.shape', None, 'its card'),
+        ('representation.tracks.context.0.linear.weight', np.zeros((12, 9), np.float32), 'tracks.context'),
+        ('representation.tracks.each.0.linear.weight', np.zeros((8, 9), np.float32), 'tracks.each'),
+        ('representation.tracks.each.0.norm.bias', None, 'no tensor'),
+    ],
+)
+def test_tracks_that_do_not_fit_are_refused(path, tmp_path, watching, name, tensor, reason):
+    tensors = {key: value for key, value in watching.items() if key != name}
+    if tensor is not None:
+        tensors[name] = tensor
+    save_model(tmp_path / 'm.safetensors', tensors, dataclasses.replace(load_model(path).card, task=WATCHING))
+    with pytest.raises(ModelError, match=reason):
+        load(tmp_path / 'm.safetensors')
+
+
 def test_no_torch_at_run_time(path):
     code = (
         'import sys; from pathlib import Path; from portnav_ros.muzero.policy import load_policy; '
