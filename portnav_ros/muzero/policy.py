@@ -116,6 +116,10 @@ class MuZeroPolicy:
         """Return setpoints [B, 2]: heading in rad and surge speed in m/s."""
         return self._agent.act(observation)
 
+    def tracks(self, b: int = 0) -> Array:
+        """What it knows of the things around vessel b, [N, 8]: place, velocity and both ends in m, m/s."""
+        return self._agent.tracks(b)
+
     def best_track(self, own: Array, path: Array) -> Array:
         """Track [T, 2] m that the last decision plans for, from a state row [7] along a path [W, 2]."""
         actions = self.decision.best if self.decision else np.zeros(0, np.int64)

@@ -45,6 +45,17 @@ def track_marker(name: str, points: Array, colour: Sequence[float]) -> Marker:
     return marker
 
 
+def sighting_marker(tracks: Array, lead_s: float = 20.0) -> Marker:
+    """Return a line from end to end of each track [N, 8], and one to where it will be in `lead_s`."""
+    marker = _marker('tracks', 0, Marker.LINE_LIST, (1.0, 0.2, 0.8))
+    marker.pose = new_pose(0.0, 0.0, 0.0)
+    marker.scale.x = TRACK_WIDTH_M
+    for x, y, vx, vy, *ends in tracks.tolist():
+        for px, py in ((ends[0], ends[1]), (ends[2], ends[3]), (x, y), (x + lead_s * vx, y + lead_s * vy)):
+            marker.points.append(Point(x=px, y=py))
+    return marker
+
+
 def _marker(namespace: str, number: int, kind: int, colour: Sequence[float]) -> Marker:
     marker = Marker(ns=namespace, id=number, type=kind, action=Marker.ADD)
     marker.header.frame_id = MAP_FRAME

@@ -13,7 +13,7 @@ from visualization_msgs.msg import MarkerArray
 from portnav_ros.muzero.model_file import released_model
 from portnav_ros.muzero.policy import Decision, MuZeroPolicy, load_policy
 from portnav_ros.nodes.local_planner import EVERYONE, LocalPlanner
-from portnav_ros.nodes.markers import track_marker
+from portnav_ros.nodes.markers import sighting_marker, track_marker
 from portnav_ros.nodes.planner_params import PlannerParams
 from portnav_ros.nodes.runtime import Health, run_node
 from portnav_ros.params import Ranges
@@ -85,7 +85,8 @@ class MuZeroPlanner(LocalPlanner):
         super().explain(decision_s)
         if self._markers.get_subscription_count():
             track = self._policy.best_track(self._own[0], self._path)
-            self._markers.publish(MarkerArray(markers=[track_marker('rollout', track, (0.2, 1.0, 0.4))]))
+            rollout = track_marker('rollout', track, (0.2, 1.0, 0.4))
+            self._markers.publish(MarkerArray(markers=[rollout, sighting_marker(self._policy.tracks())]))
 
 
 def _root_values(decision: Decision) -> dict[str, str]:

@@ -43,6 +43,10 @@ class AgentPolicy:
         self._table = actions.table()
         self._allocate(1)
 
+    def tracks(self, b: int) -> Array:
+        """What is known of the things around vessel b; see `Observer.tracks`."""
+        return self._observer.tracks(b)
+
     def reset(self, which: BoolArray) -> None:
         """Forget the vessels [B]; their paths are taken from the next observation."""
         if len(which) != len(self._fresh):

@@ -19,7 +19,7 @@ from portnav_ros.sim.scenario import PATH_SPACING_M, LidarParams
 from portnav_ros.task.aligned import new_memory, remember
 from portnav_ros.task.observation_rows import Scales, locate, write_aligned_rows, write_stacked_rows
 from portnav_ros.task.policy import Observation
-from portnav_ros.task.tracking import SLOTS, TRACK_SIZE, follow, new_tracks
+from portnav_ros.task.tracking import SLOTS, TRACK_SIZE, follow, known_tracks, new_tracks
 from portnav_ros.types import YAW, AnyArray, Array, Array32, BoolArray
 
 
@@ -134,6 +134,10 @@ class Observer:
     def progress(self) -> Array:
         """Index with fraction [B] of the path point closest to each vessel."""
         return self._progress
+
+    def tracks(self, b: int) -> Array:
+        """What is known of the things around vessel b, [N, 8] as `known_tracks`; none where unasked."""
+        return known_tracks(self._tracks[b]) if self.params.tracks else np.zeros((0, 8))
 
     def reset(self, which: BoolArray, paths: Sequence[Array]) -> None:
         """Start episodes anew: `which` [B] tells whose, `paths` holds one [W, 2] for each of those."""

@@ -44,6 +44,12 @@ def new_tracks(batch: int) -> Array:
     return np.zeros((batch, SLOTS, ROW))
 
 
+def known_tracks(tracks: Array) -> Array:
+    """Places, velocities (of the long memory) and both ends [N, 8] m of the rows [SLOTS, ROW] to tell of."""
+    columns = [AT_X, AT_Y, SLOW_VX, SLOW_VY, A_X, A_Y, B_X, B_Y]
+    return np.asarray(tracks[tracks[:, SEEN] > 1.0][:, columns])
+
+
 @njit(cache=True, nogil=True)
 def follow(
     tracks: Array, own: Array, ranges: Array32, range_max_m: float, fresh: BoolArray, which: BoolArray

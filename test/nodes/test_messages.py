@@ -107,6 +107,13 @@ def test_markers_have_the_size_of_what_they_show():
     assert hull.header.frame_id == buoy.header.frame_id == 'map'
 
 
+def test_tracks_are_drawn_from_end_to_end_and_to_where_they_will_be():
+    marker = markers.sighting_marker(np.array([[7.0, 8.0, 1.0, -2.0, 5.0, 6.0, 9.0, 10.0]]), lead_s=10.0)
+    points = [(point.x, point.y) for point in marker.points]
+    assert points == [(5.0, 6.0), (9.0, 10.0), (7.0, 8.0), (17.0, -12.0)]
+    assert len(markers.sighting_marker(np.zeros((0, 8))).points) == 0
+
+
 def test_a_status_keeps_its_values():
     message = messages.status_message('sim', b'\x01', 'text', {'time_s': 1.5, 'outcome': 'RUNNING'})
     assert messages.read_values(travel(message)) == {'time_s': '1.5', 'outcome': 'RUNNING'}

@@ -85,7 +85,8 @@ def test_each_decision_is_timed_and_drawn(graph, path):
         driver.sail(second)
     graph.until(lambda: len(graph.heard['markers']) == 4)
     assert len(driver.node._decisions_s) == 4
-    (marker,) = graph.heard['markers'][0].markers
+    marker, tracks = graph.heard['markers'][0].markers
+    assert (tracks.ns, tracks.header.frame_id, len(tracks.points)) == ('tracks', 'map', 0)
     assert (marker.ns, marker.header.frame_id) == ('rollout', 'map')
     assert (marker.points[0].x, marker.points[0].y) == (0.0, 0.0)
     assert len(marker.points) > TASK.actions.hold

@@ -19,6 +19,7 @@ from portnav_ros.task.tracking import (
     TRACK_SIZE,
     find_things,
     follow,
+    known_tracks,
     new_tracks,
     write_tracks,
 )
@@ -151,6 +152,16 @@ def test_features_are_seen_along_the_course():
         x, y = ahead[0, k : k + 2]
         np.testing.assert_allclose(turned[k : k + 2], (c * x + s * y, c * y - s * x), atol=1e-5)
     np.testing.assert_array_equal(turned[10:], ahead[0, 10:])
+
+
+def test_what_is_known_is_told_in_the_map():
+    states, scans, centres = approach(25)
+    tracks = watch(states, scans)
+    (row,) = known_tracks(tracks)
+    np.testing.assert_allclose(row[:2], centres[-1], atol=10.0)
+    np.testing.assert_allclose(row[2:4], (-4.0, 1.0), atol=0.4)
+    assert math.hypot(*(row[4:6] - row[6:8])) < 12.0
+    assert known_tracks(new_tracks(1)[0]).shape == (0, 8)
 
 
 def test_a_turn_shows_in_the_quick_velocity_first():
