@@ -10,7 +10,7 @@ import argparse
 import dataclasses
 import importlib
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -76,8 +76,8 @@ def run(arguments: argparse.Namespace) -> int:
             params = dataclasses.replace(params, schedule=params.schedule.with_curves())
     if arguments.start_from is not None:
         params = override(params, {'start_from': str(arguments.start_from.resolve())}, '--from')
-    for item in arguments.set or ():
-        params = override(params, assignment(item), f'--set {item}')
+    if arguments.set:
+        params = override(params, assignments(arguments.set), '--set')
     job = Job(
         out=config.out,
         seed=config.seed,
@@ -133,6 +133,26 @@ def _resumed(arguments: argparse.Namespace) -> _Config:
         )
     values = {key: value for key, value in config.items() if key not in provenance()}
     return _Config(algorithm, seed, arguments.out, values, str(directory.config))
+
+
+def assignments(items: Sequence[str]) -> dict[str, Any]:
+    """Turn several of what `assignment` takes into one mapping, since some parameters only fit together.
+
+    Raises:
+        ParamError: as `assignment`.
+    """
+    merged: dict[str, Any] = {}
+    for item in items:
+        _merge(merged, assignment(item))
+    return merged
+
+
+def _merge(into: dict[str, Any], values: Mapping[str, Any]) -> None:
+    for key, value in values.items():
+        if isinstance(value, dict) and isinstance(into.get(key), dict):
+            _merge(into[key], value)
+        else:
+            into[key] = value
 
 
 def assignment(item: str) -> dict[str, Any]:

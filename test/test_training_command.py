@@ -1,6 +1,7 @@
 """`portnav train`: presets, options over them, and what a resumed run takes from its folder."""
 
 import dataclasses
+import re
 
 import pytest
 import yaml
@@ -9,7 +10,7 @@ from portnav_ros import cli, training_command
 from portnav_ros.params import ParamError, override, read_yaml
 from portnav_ros.resources import config_path
 from portnav_ros.training.run_directory import RunDirectory
-from portnav_ros.training_command import assignment
+from portnav_ros.training_command import assignment, assignments
 
 torch = pytest.importorskip('torch')
 
@@ -24,7 +25,7 @@ def trained(monkeypatch):
     return calls
 
 
-@pytest.mark.parametrize('preset', ['paper', 'best'])
+@pytest.mark.parametrize('preset', ['paper', 'best', 'scans'])
 def test_presets_hold_known_keys(preset):
     file = config_path('train', f'{preset}.yaml')
     override(train.Params(), read_yaml(file), str(file))
@@ -43,6 +44,37 @@ def test_paper_preset_is_the_papers_recipe(trained, tmp_path):
     assert (params.network.value.count, params.network.value.spacing) == (81, 'h')
     assert not params.network.alive
     assert params.scenarios.difficulty == 'paper'
+
+
+@pytest.mark.parametrize(
+    ('key', 'reason'),
+    [
+        ('task.observation.tracks=4', r'network\.tracks = 8, but task\.observation\.tracks = 4'),
+        ('network.tracks=3', r'network\.tracks = 3'),
+        (
+            'task.observation.sectors=60',
+            r'network\.scan_shape = \(4, 90\), but the observation has \(4, 60\)',
+        ),
+    ],
+)
+def test_networks_that_do_not_fit_the_observation_are_refused(trained, tmp_path, capsys, key, reason):
+    assert cli.main(['train', '--set', key, '--out', str(tmp_path / 'run')]) == 2
+    assert re.search(reason, capsys.readouterr().err)
+    assert not trained
+
+
+def test_what_only_fits_together_is_set_together(trained, tmp_path):
+    keys = ['task.observation.tracks=0', 'network.tracks=0', 'network.represent_hidden=[384, 256]']
+    cli.main(['train', *(word for key in keys for word in ('--set', key)), '--out', str(tmp_path / 'run')])
+    params = trained[0][0]
+    assert (params.task.observation.tracks, params.network.tracks) == (0, 0)
+    assert params.network.represent_hidden == (384, 256)
+    assert params.task.observation.sectors == 90
+
+
+def test_of_one_key_set_twice_the_last_counts():
+    items = ['a.b=1', 'a.c.d=2', 'a.b=3', 'a.c={e: 4, g: 6}', 'a.c.g=7', 'f=5']
+    assert assignments(items) == {'a': {'b': 3, 'c': {'d': 2, 'e': 4, 'g': 7}}, 'f': 5}
 
 
 def test_options_go_over_the_preset(trained, tmp_path):

@@ -24,6 +24,7 @@ from portnav_ros.muzero.search import SearchParams
 from portnav_ros.muzero.selfplay import SelfPlay, SelfPlayParams
 from portnav_ros.muzero.targets import TargetParams
 from portnav_ros.muzero.tutor import TeachingParams
+from portnav_ros.params import ParamError
 from portnav_ros.task.env import PortVectorEnv, TaskParams
 from portnav_ros.task.mirror import mirror_of
 from portnav_ros.training.running_means import RunningMeans
@@ -54,6 +55,21 @@ class Params:
     mirror: bool = False
     validate_prior: bool = True
     start_from: str = ''
+
+    def __post_init__(self) -> None:
+        """Refuse networks that look for what the observation does not hold."""
+        seen, network = self.task.observation, self.network
+        if network.tracks not in (0, seen.tracks):
+            raise ParamError(
+                f'network.tracks = {network.tracks}, but task.observation.tracks = {seen.tracks}: '
+                'the networks look at all of them, or with 0 at none in particular'
+            )
+        scans = len(seen.ages), seen.sectors
+        if network.scan_channels and seen.layout == 'aligned' and network.scan_shape != scans:
+            raise ParamError(
+                f'network.scan_shape = {network.scan_shape}, but the observation has {scans}: '
+                'the numbers of task.observation.ages and of its sectors'
+            )
 
     @property
     def discount(self) -> float:
