@@ -2,8 +2,8 @@
 
 A thing stands alone where the rays to both sides of it go further: vessels and buoys do, quays do not.
 Its track follows the mean of its points with a g-h filter, whose gains are at first those of a
-straight line through all that was seen (Brookner, Tracking and Kalman Filtering Made Easy, 1998,
-section 1.2.10, the growing-memory filter) and then stay, so that old sightings are forgotten.
+straight line through all that was seen (the growing-memory filter of Brookner, Tracking and Kalman
+Filtering Made Easy, 1998, chapter 1) and then stay, so that old sightings are forgotten.
 """
 
 from __future__ import annotations
