@@ -13,7 +13,6 @@ from portnav_ros.task.params import TaskParams
 from portnav_ros.task.tracking import (
     MISSED_MAX,
     SLOTS,
-    STILL_M,
     THING,
     TRACK_KNOWN,
     TRACK_SIZE,
@@ -227,9 +226,8 @@ def test_the_nearest_come_first_and_what_stands_still_counts_as_farther():
     rows = told(watch(states, scans), states[-1])
     far = REACH_M * np.hypot(rows[:, 0], rows[:, 1])
     assert far[0] == pytest.approx(math.hypot(117.0, 40.0), abs=10.0)
-    assert far[1] == pytest.approx(math.hypot(80.0, 40.0), abs=10.0)  # less than STILL_M behind the third
+    assert far[1] == pytest.approx(math.hypot(80.0, 40.0), abs=10.0)
     assert far[2] == pytest.approx(math.hypot(297.0, 60.0), abs=10.0)
-    assert far[1] + STILL_M < far[2] + 10.0 or far[1] < far[2]
     assert len(told(watch(states, scans), states[-1], count=1)) == 1
 
 
