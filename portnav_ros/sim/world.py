@@ -171,6 +171,34 @@ class World:
         body = Body._make(array[b : b + 1] for array in self._body)
         kernels.sense_all(chart, crowd, body, self._model, self._rays, self._sensor)
 
+    def copy(self, other: World, rows: IntArray) -> None:
+        """Make the first N environments what those of `rows` [N] are now in another world.
+
+        Where the worlds differ in size, the environments behind them are left without a port.
+
+        Args:
+            other: a world with the same vessel, autopilot and sensor.
+            rows: environments of the other world; one may come several times.
+
+        Raises:
+            ScenarioError: the other world's vessel, autopilot or sensor is not this one's.
+        """
+        if (other.vessel, other.autopilot, other.lidar) != (self.vessel, self.autopilot, self.lidar):
+            raise ScenarioError('a world copies worlds that share its vessel, autopilot, lidar')
+        if self._capacity != other._capacity:
+            self._capacity = other._capacity
+            self._chart, self._crowd = (
+                _new_chart(self.batch, self._capacity),
+                _new_crowd(self.batch, self._capacity),
+            )
+        parts: Iterable[tuple[AnyArray, AnyArray]] = zip(
+            (*self._chart, *self._crowd, *self._body),
+            (*other._chart, *other._crowd, *other._body),
+            strict=True,
+        )
+        for copied, array in parts:
+            copied[: len(rows)] = array[rows]
+
     def tick(self, rudder_rad: Array, thrust_n: Array) -> None:
         """Advance every environment by TICK_S under actuator commands [B]."""
         self._body.command[:, 0] = rudder_rad

@@ -90,6 +90,11 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
         return self._world
 
     @property
+    def source(self) -> ScenarioSource:
+        """What draws the scenarios."""
+        return self._source
+
+    @property
     def observation(self) -> Observation:
         """What was seen last, beyond its features."""
         return self._observer.observation(self._world.own, self._world.ranges)
@@ -133,6 +138,14 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
             infos['final_obs'], infos['_final_obs'] = features.copy(), ended
             features = self._begin(ended)
         return features.copy(), terms.sum(axis=1), terminated, truncated, infos
+
+    def copy(self, other: PortVectorEnv, rows: IntArray) -> None:
+        """Make the first N environments what those of `rows` [N] are now in another one, made alike.
+
+        The random generators stay, which draw later scenarios.
+        """
+        self._world.copy(other._world, rows)
+        self._observer.copy(other._observer, rows)
 
     def state_dict(self) -> dict[str, AnyArray]:
         """World, observer and random generators as arrays by name, for a checkpoint."""

@@ -20,7 +20,7 @@ from portnav_ros.task.aligned import new_memory, remember
 from portnav_ros.task.observation_rows import Scales, locate, write_aligned_rows, write_stacked_rows
 from portnav_ros.task.policy import Observation
 from portnav_ros.task.tracking import SLOTS, TRACK_SIZE, follow, known_tracks, new_tracks
-from portnav_ros.types import YAW, AnyArray, Array, Array32, BoolArray
+from portnav_ros.types import YAW, AnyArray, Array, Array32, BoolArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -160,6 +160,14 @@ class Observer:
         self._path = state['path'].copy()
         for name, array in self._remembered().items():
             array[:] = state[name]
+
+    def copy(self, other: Observer, rows: IntArray) -> None:
+        """Remember of the first N vessels what another observer remembers of those of `rows` [N]."""
+        if self._path.shape[1] != other._path.shape[1]:
+            self._path = np.zeros((len(self._path), *other._path.shape[1:]))
+        theirs = other._remembered()
+        for name, array in self._remembered().items():
+            array[: len(rows)] = theirs[name][rows]
 
     def _remembered(self) -> dict[str, AnyArray]:
         return {

@@ -55,6 +55,47 @@ def test_rows_do_not_depend_on_the_batch():
         np.testing.assert_array_equal(a[0][0], b[0][2])
 
 
+@pytest.mark.parametrize('layout', ['stacked', 'aligned'])
+def test_copies_sail_on_as_what_they_are_copies_of(layout):
+    task = TaskParams(ObservationParams(layout=layout, tracks=4 if layout == 'aligned' else 0))
+    env, copies = vector(task=task), vector(4, task=task, autoreset_mode=AutoresetMode.DISABLED)
+    env.reset(seed=7)
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        env.step(rng.integers(27, size=3))
+    rows = np.array([2, 0, 2])
+    copies.copy(env, rows)
+    for actions in rng.choice([5, 14, 23], size=(25, 3)):
+        a, b = env.step(actions), copies.step(np.append(actions[rows], STRAIGHT))
+        for mine, other in zip(a[:4], b[:4], strict=True):
+            np.testing.assert_array_equal(mine[rows], other[:3])
+        np.testing.assert_array_equal(a[4]['errors'][rows], b[4]['errors'][:3])
+
+
+def test_a_copy_makes_room_for_a_larger_port():
+    small, large = (PortVectorEnv(count, 'easy', ports=1, seed=count) for count in (2, 1))
+    sizes = [env.world.walls.shape[1:] for env in (small, large)]
+    assert sizes[0] != sizes[1]
+    for copied, copies in ((small, large), (large, small)):
+        copied.reset(seed=1)
+        rows = np.zeros(copies.num_envs, np.int64)
+        copies.copy(copied, rows)
+        for _ in range(5):
+            a = copied.step(np.full(copied.num_envs, STRAIGHT))
+            b = copies.step(np.full(copies.num_envs, STRAIGHT))
+            np.testing.assert_array_equal(a[0][rows], b[0])
+
+
+def test_a_copy_of_another_vessel_is_refused():
+    barge, shuttle = (
+        PortVectorEnv(1, source=lambda rng, name=name: load_scenario(name, 0))
+        for name in ('head_on', 'rough_canal')
+    )
+    assert barge.world.vessel != shuttle.world.vessel
+    with pytest.raises(ScenarioError, match='share its vessel'):
+        shuttle.copy(barge, np.zeros(1, np.int64))
+
+
 def run_until_an_end(env, limit=2000):
     env.reset(seed=0)
     for _ in range(limit):
