@@ -39,6 +39,15 @@ class ParamError(ValueError):
     """A configuration value is unknown, of the wrong type or out of range."""
 
 
+def parse_yaml(text: str) -> Any:
+    """Read YAML as the project's files are read.
+
+    Raises:
+        yaml.YAMLError: it is none, or has a key twice.
+    """
+    return yaml.load(text, _Loader)
+
+
 def read_yaml(path: Path) -> dict[str, Any]:
     """Read a YAML mapping.
 
@@ -46,7 +55,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         ParamError: the file is missing, is not YAML, is not a mapping or has a key twice.
     """
     try:
-        values = yaml.load(path.read_text(encoding='utf-8'), _Loader)
+        values = parse_yaml(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise ParamError(f'{path}: cannot be read ({error.strerror})') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:

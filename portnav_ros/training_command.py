@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 
 from portnav_ros.evaluation.provenance import provenance
-from portnav_ros.params import ParamError, override, read_yaml
+from portnav_ros.params import ParamError, override, parse_yaml, read_yaml
 from portnav_ros.resources import config_path
 from portnav_ros.training.job import Job
 from portnav_ros.training.run_directory import RunDirectory, TrainingError
@@ -41,7 +41,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the command."""
     parser.add_argument('--algorithm', choices=ALGORITHMS, help='default: muzero')
     source = parser.add_mutually_exclusive_group()
-    source.add_argument('--preset', metavar='NAME', help='parameters in config/train: paper, best or ppo')
+    source.add_argument(
+        '--preset', metavar='NAME', help='parameters in config/train: best, rehearse, scans, paper or ppo'
+    )
     source.add_argument('--config', type=Path, metavar='FILE', help='YAML of parameters, over the defaults')
     worlds = parser.add_mutually_exclusive_group()
     worlds.add_argument('--difficulty', metavar='NAME', help='random ports; name or file (default: paper)')
@@ -165,7 +167,7 @@ def assignment(item: str) -> dict[str, Any]:
     if not equals or not key:
         raise ParamError(f'--set {item}: expected KEY=VALUE, such as search.simulations=8')
     try:
-        value: Any = yaml.safe_load(text)
+        value: Any = parse_yaml(text)
     except yaml.YAMLError as error:
         raise ParamError(f'--set {item}: the value is not YAML') from error
     for part in reversed(key.split('.')):

@@ -25,7 +25,7 @@ def trained(monkeypatch):
     return calls
 
 
-@pytest.mark.parametrize('preset', ['paper', 'best', 'scans'])
+@pytest.mark.parametrize('preset', ['paper', 'best', 'rehearse', 'scans'])
 def test_presets_hold_known_keys(preset):
     file = config_path('train', f'{preset}.yaml')
     override(train.Params(), read_yaml(file), str(file))
@@ -136,6 +136,7 @@ def test_mistakes_are_explained(trained, capsys, tmp_path, monkeypatch, options,
 
 
 def test_assignment_reads_yaml():
+    assert assignment('learner.learning_rate=2e-4') == {'learner': {'learning_rate': 2e-4}}
     assert assignment('network.represent_hidden=[64, 64]') == {'network': {'represent_hidden': [64, 64]}}
     with pytest.raises(ParamError, match='YAML'):
         assignment('a=[')
