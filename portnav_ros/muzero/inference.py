@@ -24,7 +24,7 @@ from portnav_ros.muzero.layers import (
 from portnav_ros.muzero.tree import Step, new_step
 from portnav_ros.task.mirror import Mirror
 from portnav_ros.task.tracking import TRACK_KNOWN, TRACK_SIZE
-from portnav_ros.types import AnyArray, Array32
+from portnav_ros.types import AnyArray, Array32, IntArray
 
 SCAN_KERNEL = 5  # sectors that a convolution sees
 SCAN_STRIDE = 3  # of every convolution but the first
@@ -154,6 +154,12 @@ class MirroredModel(NumpyModel):
         as_is, mirrored = super().begin(observation), super().begin(self._mirror.features(observation))
         logits = 0.5 * (as_is.logits + mirrored.logits[:, self._mirror.action])
         return Beginning(as_is.latent, logits, 0.5 * (as_is.value + mirrored.value))
+
+
+def likeliest(model: NumpyModel, features: Array32) -> IntArray:
+    """Actions [B] that the policy network alone would take on features [B, F]."""
+    logits, _ = model.predict(model.represent(features))
+    return np.asarray(logits.argmax(axis=1))
 
 
 def numpy_model(state: Mapping[str, AnyArray], speeds: int, discount: float) -> NumpyModel:

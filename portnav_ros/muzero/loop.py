@@ -19,9 +19,10 @@ from portnav_ros.muzero.checkpoint import Saved
 from portnav_ros.muzero.inference import NumpyModel, numpy_model
 from portnav_ros.muzero.learner import Learner, LearnerParams
 from portnav_ros.muzero.networks import Network, NetworkParams
+from portnav_ros.muzero.rehearsal import RehearsalParams
 from portnav_ros.muzero.replay import Replay, ReplayParams, Sample, Segment, half_mirrored
 from portnav_ros.muzero.search import SearchParams
-from portnav_ros.muzero.selfplay import SelfPlay, SelfPlayParams
+from portnav_ros.muzero.selfplay import Mode, SelfPlay, SelfPlayParams, lesson_size
 from portnav_ros.muzero.targets import TargetParams
 from portnav_ros.muzero.tutor import TeachingParams
 from portnav_ros.params import ParamError
@@ -52,12 +53,19 @@ class Params:
     learner: LearnerParams = field(default_factory=LearnerParams)
     schedule: ScheduleParams = field(default_factory=ScheduleParams)
     teaching: TeachingParams = field(default_factory=TeachingParams)
+    rehearsal: RehearsalParams = field(default_factory=RehearsalParams)
     mirror: bool = False
     validate_prior: bool = True
     start_from: str = ''
 
     def __post_init__(self) -> None:
-        """Refuse networks that look for what the observation does not hold."""
+        """Refuse networks that look for what the observation does not hold, and lessons of two sizes."""
+        teaching, rehearsal = self.teaching, self.rehearsal
+        if teaching.steps and rehearsal.steps and teaching.actions != rehearsal.actions:
+            raise ParamError(
+                f'teaching.actions = {teaching.actions}, rehearsal.actions = {rehearsal.actions}: '
+                'a run that does both needs them equal'
+            )
         seen, network = self.task.observation, self.network
         if network.tracks not in (0, seen.tracks):
             raise ParamError(
@@ -92,11 +100,18 @@ class Loop:
             task.observation.size, len(actions.heading_change_rad), len(actions.speed_mps), params.network
         )
         self.learner = Learner(network, params.learner, device)
-        lessons = params.teaching.actions if params.teaching.steps else 0
+        lessons = lesson_size(params.teaching, params.rehearsal)
         self.replay = Replay(params.replay, batch, task.observation.size, actions.count, lessons)
         env = PortVectorEnv(batch, seed=seed, source=training_source(params.scenarios, seed), task=task)
         self.selfplay = SelfPlay(
-            env, params.selfplay, params.search, params.network.latent, streams[2], params.teaching
+            env,
+            params.selfplay,
+            params.search,
+            params.network.latent,
+            streams[2],
+            params.teaching,
+            params.rehearsal,
+            params.discount,
         )
         self.model = self.export()
         self.mirror = mirror_of(task.observation, actions) if params.mirror else None
@@ -107,6 +122,14 @@ class Loop:
     def steps(self) -> int:
         """Environment steps so far: seconds sailed, over all environments."""
         return self.replay.written * self.replay.batch * self.params.task.actions.hold
+
+    @property
+    def mode(self) -> Mode:
+        """How the next decisions are made."""
+        taught = self.params.teaching.steps
+        if self.steps < taught:
+            return Mode.TAUGHT
+        return Mode.REHEARSED if self.steps < taught + self.params.rehearsal.steps else Mode.SEARCHED
 
     def start_from(self, arrays: Mapping[str, Array32]) -> None:
         """Begin with the weights of a model.
@@ -133,7 +156,7 @@ class Loop:
     def play(self, model: NumpyModel, version: int) -> Segment:
         """Play a segment, and note the time that it took."""
         start = time.perf_counter()
-        segment = self.selfplay.play(model, version, taught=self.steps < self.params.teaching.steps)
+        segment = self.selfplay.play(model, version, self.mode)
         self.busy_s['selfplay'] += time.perf_counter() - start
         return segment
 

@@ -31,9 +31,10 @@ class LossWeights:
     reward: float = 1.0
     alive: float = 1.0
     lesson: float = 1.0
+    imitation: float = 0.5
     worth: float = 0.0
     ranges: ClassVar[Ranges] = dict.fromkeys(
-        ('policy', 'value', 'reward', 'alive', 'lesson', 'worth'), (0.0, 1e6)
+        ('policy', 'value', 'reward', 'alive', 'lesson', 'imitation', 'worth'), (0.0, 1e6)
     )
 
     def __post_init__(self) -> None:
@@ -167,18 +168,35 @@ def alive_loss(network: Network, said: Unrolled, batch: Batch) -> Tensor:
 def lesson_loss(network: Network, said: Unrolled, batch: Batch) -> Tensor:
     """What the policy would regret, if it took one of the actions that a teacher valued.
 
-    The expected regret itself is right about what no sensor tells, because it averages before it chooses;
-    half a cross-entropy to a softmax of the values keeps a gradient where the policy is sure of a wrong
-    action.
+    The expected regret is right about what no sensor tells, because it averages before it chooses.
     """
     if batch.lesson.shape[2] == 0:
         return said.policy.new_zeros(())
-    taught = (batch.lesson[..., 0] >= 0).float() * batch.live
-    log_policy = functional.log_softmax(said.policy.gather(2, batch.lesson.clamp(min=0)), -1)
-    regret = (log_policy.exp() * batch.regret).sum(-1) / REGRET_SCALE
+    regret = (log_lesson_policy(said, batch).exp() * batch.regret).sum(-1) / REGRET_SCALE
+    return mean_over_unroll(regret * taught(batch))
+
+
+def imitation_loss(network: Network, said: Unrolled, batch: Batch) -> Tensor:
+    """Cross-entropy [] to a softmax of what the actions of a lesson are worth.
+
+    It keeps a gradient where the policy is sure of a wrong action; of lessons that chance decides, as
+    those of a rehearsal, it would learn the chance.
+    """
+    if batch.lesson.shape[2] == 0:
+        return said.policy.new_zeros(())
     wanted = functional.softmax(-batch.regret / LESSON_TEMPERATURE, -1)
-    entropy = -(wanted * log_policy).sum(-1)
-    return mean_over_unroll((regret + 0.5 * entropy) * taught)
+    entropy = -(wanted * log_lesson_policy(said, batch)).sum(-1)
+    return mean_over_unroll(entropy * taught(batch))
+
+
+def log_lesson_policy(said: Unrolled, batch: Batch) -> Tensor:
+    """Logarithm [N, K + 1, C] of the policy over the actions of the lessons alone."""
+    return functional.log_softmax(said.policy.gather(2, batch.lesson.clamp(min=0)), -1)
+
+
+def taught(batch: Batch) -> Tensor:
+    """1 at the positions [N, K + 1] that have a lesson."""
+    return (batch.lesson[..., 0] >= 0).float() * batch.live
 
 
 def worth_loss(network: Network, said: Unrolled, batch: Batch) -> Tensor:
@@ -190,10 +208,9 @@ def worth_loss(network: Network, said: Unrolled, batch: Batch) -> Tensor:
     if said.worth is None:
         return said.value.new_zeros(())
     width = said.worth.shape[1]
-    taught = (batch.lesson[:, 0, 0] >= 0).float()
     wanted = -WORTH_OF_REGRET * batch.regret[:, 0, :width]
     error = (said.worth - said.worth.mean(1, keepdim=True)) - (wanted - wanted.mean(1, keepdim=True))
-    return ((error / WORTH_SCALE) ** 2).mean(1).mul(taught).mean()
+    return ((error / WORTH_SCALE) ** 2).mean(1).mul(taught(batch)[:, 0]).mean()
 
 
 TERMS: dict[str, Callable[[Network, Unrolled, Batch], Tensor]] = {
@@ -202,6 +219,7 @@ TERMS: dict[str, Callable[[Network, Unrolled, Batch], Tensor]] = {
     'reward': reward_loss,
     'alive': alive_loss,
     'lesson': lesson_loss,
+    'imitation': imitation_loss,
     'worth': worth_loss,
 }
 

@@ -13,21 +13,24 @@ from portnav_ros.params import ParamError, Ranges, check_range, check_ranges
 from portnav_ros.task.mirror import Mirror
 from portnav_ros.types import AnyArray, Array32, IntArray
 
+CANDIDATES = 16  # that are looked at for each sequence that shall begin with a lesson
+
 
 @dataclass(frozen=True)
 class ReplayParams:
     """The ring and how much is drawn from it.
 
     capacity: decisions of all environments together. warmup: decisions before the first update.
-    samples_per_step: sequences drawn for each environment step, on average. precision: of the stored
-    features.
+    samples_per_step: sequences drawn for each environment step, on average. lessons: share of them that
+    begin with a lesson, where lessons are rarer than that. precision: of the stored features.
     """
 
     capacity: int = 500_000
     warmup: int = 10_000
     samples_per_step: float = 16.0
+    lessons: float = 0.0
     precision: Literal['float16', 'float32'] = 'float16'
-    ranges: ClassVar[Ranges] = {'capacity': (100, 1e9), 'samples_per_step': (0.0, 1e4)}
+    ranges: ClassVar[Ranges] = {'capacity': (100, 1e9), 'samples_per_step': (0.0, 1e4), 'lessons': (0.0, 1.0)}
 
     def __post_init__(self) -> None:
         """Refuse a ring that is never full enough."""
@@ -123,7 +126,7 @@ class Replay:
         hold: int = 1,
         all_features: bool = False,
     ) -> Sample:
-        """Draw sequences uniformly.
+        """Draw sequences uniformly, but for those that begin with a lesson.
 
         Args:
             rng: draws them.
@@ -141,7 +144,19 @@ class Replay:
             raise ValueError(f'{self.written} decisions do not hold a sequence of {unroll + 1}')
         which = rng.integers(self.batch, size=count)
         first = rng.integers(self.oldest, last + 1, size=count)
+        self._prefer_lessons(rng, which, first, last)
         return self.window(which, first, unroll, targets, hold, all_features)
+
+    def _prefer_lessons(self, rng: np.random.Generator, which: IntArray, first: IntArray, last: int) -> None:
+        """Replace sequences by some that begin with a lesson, as far as some turn up."""
+        wanted = round(self.params.lessons * len(which))
+        if not wanted or not self._ring.lesson.shape[2]:
+            return
+        others = rng.integers(self.batch, size=CANDIDATES * wanted)
+        starts = rng.integers(self.oldest, last + 1, size=CANDIDATES * wanted)
+        found = np.flatnonzero(self._ring.lesson[others, starts % self.rows, 0] >= 0)[:wanted]
+        rows = rng.permutation(len(which))[: len(found)]  # the order tells which are mirrored
+        which[rows], first[rows] = others[found], starts[found]
 
     def window(
         self,

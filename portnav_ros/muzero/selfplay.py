@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any, ClassVar
 
 import numpy as np
 
 from portnav_ros.muzero.inference import NumpyModel
+from portnav_ros.muzero.rehearsal import Rehearsal, RehearsalParams
 from portnav_ros.muzero.replay import Segment
 from portnav_ros.muzero.search import Search, SearchParams
 from portnav_ros.muzero.targets import RUNNING, TERMINATED, TRUNCATED
@@ -19,6 +21,14 @@ from portnav_ros.sim.world import DECISION_S
 from portnav_ros.task.env import PortVectorEnv
 from portnav_ros.training.episode_statistics import EpisodeStatistics
 from portnav_ros.types import AnyArray, Array32
+
+
+class Mode(Enum):
+    """How decisions are made: under a teacher, after rehearsals, or by a search."""
+
+    TAUGHT = 'taught'
+    REHEARSED = 'rehearsed'
+    SEARCHED = 'searched'
 
 
 @dataclass(frozen=True)
@@ -52,8 +62,10 @@ class SelfPlay:
         latent: int,
         seed: np.random.SeedSequence,
         teaching: TeachingParams | None = None,
+        rehearsal: RehearsalParams | None = None,
+        discount: float = 1.0,
     ) -> None:
-        """Begin an episode in every environment; all draws come from the seed."""
+        """Begin an episode in every environment; all draws come from the seed. discount: of a decision."""
         self._env = env
         self._length = params.segment
         self._temperature = np.geomspace(*params.temperature, env.num_envs).astype(np.float32)
@@ -63,10 +75,11 @@ class SelfPlay:
         self._features, _ = env.reset(seed=[int(word) for word in words[:-1]])
         self.statistics = EpisodeStatistics(env.num_envs, env.task.actions.hold * DECISION_S)
         self._tutor = Tutor(env, teaching) if teaching and teaching.steps else None
-        self._lessons = teaching.actions if self._tutor and teaching else 0
+        self._rehearsal = Rehearsal(env, rehearsal, discount) if rehearsal and rehearsal.steps else None
+        self._lessons = lesson_size(teaching, rehearsal)
 
-    def play(self, model: NumpyModel, version: int, taught: bool = False) -> Segment:
-        """Sail a segment with a model, that of so many updates; taught, without a search."""
+    def play(self, model: NumpyModel, version: int, mode: Mode = Mode.SEARCHED) -> Segment:
+        """Sail a segment with a model, that of so many updates."""
         env = self._env
         segment = new_segment(
             self._length, env.num_envs, env.task.observation.size, env.task.actions.count, self._lessons
@@ -74,17 +87,17 @@ class SelfPlay:
         segment.version[:] = version
         for t in range(self._length):
             segment.features[t] = self._features
-            if taught and self._tutor:
-                self._be_taught(self._tutor, model, segment, t)
-            else:
+            if mode is Mode.SEARCHED:
                 self._plan(model, segment, t)
+            else:
+                self._be_taught(model, segment, t, mode)
             self._features, reward, terminated, truncated, infos = env.step(segment.action[t])
             segment.reward[t] = reward
             segment.end[t] = np.select([terminated, truncated], [TERMINATED, TRUNCATED], RUNNING)
             if truncated.any():
                 segment.final_value[t, truncated] = value_of(model, infos['final_obs'][truncated])
             self.statistics.update(reward, terminated | truncated, infos)
-            if taught and self._tutor:
+            if mode is Mode.TAUGHT and self._tutor:
                 self._tutor.look(terminated | truncated)
         return segment
 
@@ -93,8 +106,11 @@ class SelfPlay:
         segment.action[t], segment.value[t], segment.policy[t] = found.action, found.value, found.target
         segment.lesson[t] = NOT_TAUGHT
 
-    def _be_taught(self, tutor: Tutor, model: NumpyModel, segment: Segment, t: int) -> None:
-        taught = tutor.decide(model, self._features, self._rng)
+    def _be_taught(self, model: NumpyModel, segment: Segment, t: int, mode: Mode) -> None:
+        teacher = self._tutor if mode is Mode.TAUGHT else self._rehearsal
+        if teacher is None:
+            raise ValueError(f'{mode}: there is nothing of that kind in the parameters')
+        taught = teacher.decide(model, self._features, self._rng)
         segment.action[t], segment.value[t] = taught.action, taught.value
         segment.lesson[t], segment.regret[t] = taught.lesson, taught.regret
 
@@ -121,6 +137,11 @@ class SelfPlay:
 
     def _foreseen(self) -> dict[str, AnyArray]:
         return self._tutor.state_dict() if self._tutor else {}
+
+
+def lesson_size(teaching: TeachingParams | None, rehearsal: RehearsalParams | None) -> int:
+    """Number of actions that a lesson values; 0 where there are none."""
+    return max(part.actions if part and part.steps else 0 for part in (teaching, rehearsal))
 
 
 def new_segment(length: int, batch: int, features: int, actions: int, lessons: int = 0) -> Segment:

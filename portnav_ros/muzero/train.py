@@ -13,10 +13,10 @@ import numpy as np
 
 from portnav_ros.muzero import ModelError
 from portnav_ros.muzero.checkpoint import Checkpoints, refusing
-from portnav_ros.muzero.inference import NumpyModel
+from portnav_ros.muzero.inference import likeliest
 from portnav_ros.muzero.learner import limit_threads
 from portnav_ros.muzero.loop import Loop, Params
-from portnav_ros.muzero.model_file import Card, load_model, save_model
+from portnav_ros.muzero.model_file import Card, Model, load_model, save_model
 from portnav_ros.muzero.search import Search
 from portnav_ros.training.interrupt import Interrupt
 from portnav_ros.training.job import Job
@@ -55,13 +55,14 @@ class Run:
     def __init__(self, params: Params, job: Job) -> None:
         """Begin a run, or go on with the one in the job's folder."""
         self.params, self.job = params, job
+        origin = _origin(params)
         if not job.resume:
             config = {'algorithm': 'muzero', 'seed': job.seed, **job.provenance, **dataclasses.asdict(params)}
             self.files = RunDirectory.create(job.out, config)
         self.loop = Loop(params, job.seed, job.device)
         self.checkpoints = Checkpoints(RunDirectory(job.out).checkpoint)
         self.best = {'success': -1.0, 'reward': 0.0}
-        self.origin = self._start()
+        self.origin = self._start(origin)
         if job.resume:
             self._restore()
         scenarios = validation_scenarios(params.scenarios)
@@ -171,19 +172,14 @@ class Run:
         self.progress.close()
         self.files.close()
 
-    def _start(self) -> dict[str, Any]:
-        """Begin with the weights of another model where the parameters name one; tells of it for the card."""
-        path = Path(self.params.start_from)
-        if not self.params.start_from:
+    def _start(self, model: Model | None) -> dict[str, Any]:
+        """Begin with the weights of another model where there is one; tells of it for the card."""
+        if model is None:
             return {}
-        model = load_model(path)
-        theirs, ours = model.card.task, self.params.task
-        if (theirs.observation, theirs.actions) != (ours.observation, ours.actions):
-            raise ModelError(f'{path}: was trained for other observations or actions than task.* asks for')
         try:
             self.loop.start_from(model.tensors)
         except ValueError as error:
-            raise ModelError(f'{path}: {error}; it has network: {dict(model.card.network)}') from error
+            raise ModelError(f'{model.path}: {error}; it has network: {dict(model.card.network)}') from error
         return {'start_from': {'sha256': model.sha256, **model.card.training}}
 
     def _restore(self) -> None:
@@ -195,7 +191,12 @@ class Run:
             self.best = saved.counters['best']
 
 
-def likeliest(model: NumpyModel, features: Array32) -> IntArray:
-    """Actions [B] that the policy network alone would take."""
-    logits, _ = model.predict(model.represent(features))
-    return np.asarray(logits.argmax(1))
+def _origin(params: Params) -> Model | None:
+    """The model to begin with, refused before a folder is made."""
+    if not params.start_from:
+        return None
+    model = load_model(Path(params.start_from))
+    theirs, ours = model.card.task, params.task
+    if (theirs.observation, theirs.actions) != (ours.observation, ours.actions):
+        raise ModelError(f'{model.path}: was trained for other observations or actions than task.* asks for')
+    return model

@@ -94,9 +94,7 @@ class Tutor:
         """Let the policy network decide on features [B, F], and the teacher value some actions."""
         params, batch = self._params, self._env.num_envs
         logits, value = model.predict(model.represent(features))
-        actions = logits.shape[1]
-        chosen = (logits + params.temperature * rng.gumbel(size=logits.shape)).argmax(axis=1)
-        chosen = np.where(rng.random(batch) < params.random, rng.integers(actions, size=batch), chosen)
+        chosen = sampled(logits, params.temperature, params.random, rng)
         vessels = np.flatnonzero(self._following | (rng.random(batch) < params.share))
         lesson = self._foresight.teach(self._env.observation, vessels, params.actions, rng)
         taught = np.full((batch, params.actions), NOT_TAUGHT, np.int8)
@@ -119,3 +117,10 @@ class Tutor:
     def load_state_dict(self, state: Mapping[str, AnyArray]) -> None:
         """Go on from a checkpoint."""
         self._foresight.poses = state['poses']
+
+
+def sampled(logits: Array32, temperature: float, random: float, rng: np.random.Generator) -> IntArray:
+    """Draw actions [B] from logits [B, A] over a temperature, a share of them from all alike."""
+    batch, actions = logits.shape
+    chosen = (logits + temperature * rng.gumbel(size=logits.shape)).argmax(axis=1)
+    return np.where(rng.random(batch) < random, rng.integers(actions, size=batch), chosen)

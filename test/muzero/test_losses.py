@@ -16,6 +16,7 @@ from portnav_ros.muzero.losses import (  # noqa: E402
     Unrolled,
     expectation,
     halve_gradient,
+    imitation_loss,
     lesson_loss,
     two_hot_loss,
     unroll,
@@ -138,14 +139,14 @@ def test_a_network_without_that_head_has_no_alive_loss():
 
 
 def told(logits, lesson, regret):
-    """Lesson loss of N root decisions: logits [N, A], actions valued [N, C] and their regret [N, C]."""
+    """What N root decisions cost: logits [N, A], actions valued [N, C] and their regret [N, C]."""
     count = len(logits)
     live = torch.ones(count, 1)
     said = Unrolled(logits[:, None], torch.zeros(count, 1, 3), torch.zeros(count, 0, 3), None)
     given = batch(count, 0)._replace(
         lesson=torch.tensor(lesson)[:, None], regret=torch.tensor(regret)[:, None], live=live
     )
-    return lesson_loss(network(), said, given)
+    return lesson_loss(network(), said, given) + 0.5 * imitation_loss(network(), said, given)
 
 
 def test_a_lesson_costs_expected_regret_and_half_a_cross_entropy():
@@ -176,7 +177,8 @@ def test_a_decision_without_a_lesson_teaches_nothing():
 def test_a_run_that_is_not_taught_has_no_lesson_loss():
     given = batch()._replace(lesson=torch.zeros(4, 4, 0, dtype=torch.int64), regret=torch.zeros(4, 4, 0))
     net = network()
-    assert lesson_loss(net, unroll(net, given.features, given.action), given).item() == 0.0
+    said = unroll(net, given.features, given.action)
+    assert lesson_loss(net, said, given).item() == imitation_loss(net, said, given).item() == 0.0
 
 
 def learned_from(lesson, regret, start, steps=400):

@@ -41,6 +41,30 @@ def filled(sizes):
     return replay
 
 
+def told(share, every):
+    """Sequences of a replay in which every so manieth decision of the first environment has a lesson."""
+    params = ReplayParams(capacity=300, precision='float32', warmup=0, lessons=share)
+    replay = Replay(params, BATCH, FEATURES, ACTIONS, lessons=2)
+    lesson = np.full((90, BATCH, 2), -1, np.int8)
+    lesson[::every, 0] = (0, 1)
+    replay.append(segment(0, 90)._replace(lesson=lesson, regret=np.zeros_like(lesson, np.float16)))
+    return replay.sample(np.random.default_rng(0), 200, 4, TARGETS).lesson[:, 0, 0] >= 0
+
+
+def test_a_share_of_the_sequences_begins_with_a_lesson():
+    rare = told(0.0, 5).mean()
+    assert rare < 0.15
+    assert 0.5 <= told(0.5, 5).mean() < 0.5 + rare
+    assert told(1.0, 5).all()
+    halves = told(0.5, 5).reshape(2, 100).mean(axis=1)
+    assert (abs(halves - 0.53) < 0.15).all()  # in the mirrored half as in the other
+
+
+def test_where_lessons_are_too_rare_the_others_are_drawn_as_ever():
+    assert 0.0 < told(1.0, 45).mean() < 0.5
+    assert not told(1.0, 1000)[1:].all()
+
+
 def test_memory_is_flat_and_the_oldest_go():
     replay = filled([20] * 5)
     assert replay.rows == 33

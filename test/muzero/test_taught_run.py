@@ -1,5 +1,6 @@
-"""A taught run: resumed to the bit, and back to search once it has been taught."""
+"""A run that is taught and then rehearses: resumed to the bit, and back to search after both."""
 
+import dataclasses
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -12,10 +13,12 @@ from portnav_ros.muzero.checkpoint import Checkpoints  # noqa: E402
 from portnav_ros.muzero.learner import LearnerParams  # noqa: E402
 from portnav_ros.muzero.loop import Loop, Params  # noqa: E402
 from portnav_ros.muzero.networks import NetworkParams  # noqa: E402
+from portnav_ros.muzero.rehearsal import RehearsalParams  # noqa: E402
 from portnav_ros.muzero.replay import ReplayParams  # noqa: E402
 from portnav_ros.muzero.search import SearchParams  # noqa: E402
 from portnav_ros.muzero.selfplay import SelfPlayParams  # noqa: E402
 from portnav_ros.muzero.tutor import NOT_TAUGHT, TeachingParams  # noqa: E402
+from portnav_ros.params import ParamError  # noqa: E402
 from portnav_ros.task.actions import ActionParams  # noqa: E402
 from portnav_ros.task.observation import ObservationParams  # noqa: E402
 from portnav_ros.task.params import TaskParams  # noqa: E402
@@ -24,12 +27,12 @@ from portnav_ros.training.schedule import ScheduleParams  # noqa: E402
 
 SEGMENT, BATCH, HOLD = 6, 4, 8
 ITERATION = SEGMENT * BATCH * HOLD  # environment steps
-TAUGHT = 3  # iterations
+TAUGHT, REHEARSED = 3, 2  # iterations
 ATOMS = AtomParams(21, -1500.0, 1500.0, 'linear')
 
 
 def params():
-    """The recipe of the preset `best` in small."""
+    """The recipes of the presets `best` and `rehearse` in small, one after the other."""
     return Params(
         task=TaskParams(
             ObservationParams(layout='aligned', ages=(0, 2), sectors=12),
@@ -41,10 +44,11 @@ def params():
         ),
         search=SearchParams(simulations=4),
         selfplay=SelfPlayParams(environments=BATCH, segment=SEGMENT),
-        replay=ReplayParams(capacity=400, warmup=SEGMENT * BATCH, samples_per_step=0.2),
+        replay=ReplayParams(capacity=400, warmup=SEGMENT * BATCH, samples_per_step=0.2, lessons=0.5),
         learner=LearnerParams(batch=16, unroll=2, precision='bfloat16'),
-        schedule=ScheduleParams(6 * ITERATION),
+        schedule=ScheduleParams(8 * ITERATION),
         teaching=TeachingParams(steps=TAUGHT * ITERATION, actions=4, follow=0.25),
+        rehearsal=RehearsalParams(REHEARSED * ITERATION, share=0.5, actions=4, decisions=2, threads=2),
         mirror=True,
     )
 
@@ -60,18 +64,18 @@ def whole():
     """A run that nothing interrupts."""
     torch.set_num_threads(1)
     loop = Loop(params(), seed=2)
-    iterate(loop, TAUGHT + 2)
+    iterate(loop, TAUGHT + REHEARSED + 2)
     return loop
 
 
-@pytest.mark.parametrize('iterations', [2, TAUGHT + 1])
+@pytest.mark.parametrize('iterations', [2, TAUGHT + 1, TAUGHT + REHEARSED + 1])
 def test_a_taught_run_goes_on_to_the_bit(whole, tmp_path, iterations):
     first, second = Loop(params(), seed=2), Loop(params(), seed=2)
     iterate(first, iterations)
     assert np.isfinite(first.state().arrays['tutor_poses']).any()
     Checkpoints(tmp_path).save('1', first.state(), first.replay)
     second.restore(Checkpoints(tmp_path).load(second.replay, second.learner.device))
-    iterate(second, TAUGHT + 2 - iterations)
+    iterate(second, TAUGHT + REHEARSED + 2 - iterations)
     assert second.learner.updates == whole.learner.updates > 0
     for name, array in whole.learner.arrays().items():
         np.testing.assert_array_equal(array, second.learner.arrays()[name], err_msg=name)
@@ -87,9 +91,17 @@ def test_lessons_come_first_and_searches_afterwards(whole):
     assert (lessons.lesson[:, 0] != NOT_TAUGHT).all()  # the first of four follows
     assert (lessons.lesson[:, 1:] == NOT_TAUGHT).any()
     assert (lessons.policy == 0.0).all()
-    searches = whole.replay.segment(TAUGHT * SEGMENT, whole.replay.written)
+    rehearsed = whole.replay.segment(TAUGHT * SEGMENT, (TAUGHT + REHEARSED) * SEGMENT)
+    assert ((rehearsed.lesson[..., 0] != NOT_TAUGHT).sum(axis=1) == BATCH // 2).all()
+    searches = whole.replay.segment((TAUGHT + REHEARSED) * SEGMENT, whole.replay.written)
     assert (searches.lesson == NOT_TAUGHT).all()
     np.testing.assert_allclose(searches.policy.sum(-1), 1.0, atol=1e-5)
+
+
+def test_lessons_of_two_sizes_are_refused():
+    recipe = params()
+    with pytest.raises(ParamError, match=r'teaching\.actions = 5, rehearsal\.actions = 4'):
+        dataclasses.replace(recipe, teaching=dataclasses.replace(recipe.teaching, actions=5))
 
 
 def test_what_is_learned_is_told_by_term(whole):
