@@ -19,8 +19,8 @@ from gymnasium.vector import AutoresetMode
 
 from portnav_ros.muzero.inference import NumpyModel, likeliest
 from portnav_ros.muzero.losses import WORTH_OF_REGRET
-from portnav_ros.muzero.tutor import ACTIONS_MAX, NOT_TAUGHT, REGRET_MAX, Taught, sampled
-from portnav_ros.params import ParamError, Ranges, check_ranges
+from portnav_ros.muzero.tutor import NOT_TAUGHT, REGRET_MAX, Taught, check_lesson, sampled
+from portnav_ros.params import Ranges, check_ranges
 from portnav_ros.task.env import PortVectorEnv
 from portnav_ros.types import Array32, IntArray
 
@@ -71,12 +71,7 @@ class Rehearsal:
         Raises:
             ParamError: more actions than the task has, or than a lesson can number.
         """
-        count = env.task.actions.count
-        if not params.actions <= count <= ACTIONS_MAX:
-            raise ParamError(
-                f'rehearsal.actions = {params.actions}: the task has {count} actions, '
-                f'and needs at least as many, but no more than {ACTIONS_MAX}'
-            )
+        check_lesson('rehearsal.actions', params.actions, env.task.actions.count)
         self._env, self._params = env, params
         self._vessels = max(round(params.share * env.num_envs), 1)
         shares = np.array_split(np.arange(self._vessels), min(params.threads, self._vessels))

@@ -79,12 +79,7 @@ class Tutor:
         Raises:
             ParamError: actions that the teacher cannot value, or fewer than a lesson has.
         """
-        count = env.task.actions.count
-        if not params.actions <= count <= ACTIONS_MAX:
-            raise ParamError(
-                f'teaching.actions = {params.actions}: the task has {count} actions, '
-                f'and needs at least as many, but no more than {ACTIONS_MAX}'
-            )
+        check_lesson('teaching.actions', params.actions, env.task.actions.count)
         self._env = env
         self._params = params
         self._foresight = Foresight(env.world, env.task.actions, params.foresight)
@@ -117,6 +112,19 @@ class Tutor:
     def load_state_dict(self, state: Mapping[str, AnyArray]) -> None:
         """Go on from a checkpoint."""
         self._foresight.poses = state['poses']
+
+
+def check_lesson(name: str, size: int, count: int) -> None:
+    """Refuse lessons of more actions than a task has, or than a lesson can number.
+
+    Raises:
+        ParamError: names the parameter.
+    """
+    if not size <= count <= ACTIONS_MAX:
+        raise ParamError(
+            f'{name} = {size}: the task has {count} actions, '
+            f'and needs at least as many, but no more than {ACTIONS_MAX}'
+        )
 
 
 def sampled(logits: Array32, temperature: float, random: float, rng: np.random.Generator) -> IntArray:
