@@ -136,7 +136,7 @@ def read_setpoint(message: Odometry) -> Setpoint:
 
 
 def new_scan(lidar: LidarParams, period_s: float) -> LaserScan:
-    """Return a LaserScan for a sensor; its first ray points astern, at -pi."""
+    """Return a LaserScan for a sensor; its first ray points astern, at -pi, and all see to the limit."""
     message = LaserScan()
     message.header.frame_id = LIDAR_FRAME
     message.angle_min = -math.pi
@@ -144,7 +144,7 @@ def new_scan(lidar: LidarParams, period_s: float) -> LaserScan:
     message.angle_max = message.angle_min + (lidar.rays - 1) * message.angle_increment
     message.scan_time = period_s
     message.range_min, message.range_max = lidar.range_min_m, lidar.range_max_m
-    message.ranges = array.array('f', bytes(4 * lidar.rays))
+    message.ranges = array.array('f', [lidar.range_max_m]) * lidar.rays
     return message
 
 
@@ -157,8 +157,12 @@ def fill_scan(message: LaserScan, time_ns: int, ranges: Array32) -> None:
 def read_scan(message: LaserScan) -> Scan:
     """Return a scan; single rays may be NaN or infinite.
 
+    What a sensor says below range_min, 0 above all, is no distance and becomes NaN; beyond range_max there
+    is no return (REP-117).
+
     Raises:
-        MessageError: no ranges, only NaN, a range below 0, or angles and limits that are not finite.
+        MessageError: no ranges, none that tells anything, a range below 0, or angles and limits that make no
+            sense.
     """
     ranges = np.array(message.ranges, dtype=np.float32)
     if len(ranges) == 0:
@@ -169,6 +173,14 @@ def read_scan(message: LaserScan) -> Scan:
         raise MessageError('ranges holds a distance below 0')
     scan = Scan(ranges, message.angle_min, message.angle_increment, message.range_min, message.range_max)
     _check_finite('angles or range limits', scan[1:])
+    if not 0.0 <= scan.range_min_m < scan.range_max_m:
+        raise MessageError(
+            f'range_min {scan.range_min_m:g} and range_max {scan.range_max_m:g} are no limits of a sensor'
+        )
+    ranges[(ranges >= 0.0) & (ranges < scan.range_min_m)] = np.nan
+    ranges[ranges > scan.range_max_m] = np.inf
+    if np.isnan(ranges).all():
+        raise MessageError(f'ranges holds nothing from range_min {scan.range_min_m:g} m on')
     return scan
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from portnav_ros.geometry import wrap_angle
 from portnav_ros.params import Ranges, check_ranges
-from portnav_ros.safety.zones import scan_points
+from portnav_ros.safety.zones import returned, scan_points
 from portnav_ros.types import Array, Scan, VesselState
 
 
@@ -18,9 +18,10 @@ from portnav_ros.types import Array, Scan, VesselState
 class PlausibilityParams:
     """When a sensor is not believed.
 
-    least_returns: of a scan; 0 on open water, where nothing may be in reach. frozen_m: how far the returns
-    of a repeated scan should have moved before it counts as frozen, and how far the vessel should have come
-    before its pose does. jump_m, jump_rad: how far a pose may be from where speed and yaw rate have taken it.
+    least_returns: distances in a scan; 0 on open water, where nothing may be in reach. frozen_m: how far the
+    returns of a repeated scan should have moved before it counts as frozen, and how far the vessel should
+    have come before its pose does. jump_m, jump_rad: how far a pose may be from where speed and yaw rate have
+    taken it.
     """
 
     least_returns: int = 1
@@ -80,7 +81,7 @@ def judge_scan(
         What to hand over with the next scan, and why this one is not believed, or nothing.
     """
     pose = state.x_m, state.y_m, state.yaw_rad
-    if np.count_nonzero(np.isfinite(scan.ranges)) < params.least_returns:
+    if np.count_nonzero(np.isfinite(scan.ranges)) < params.least_returns:  # too close is a cover, perhaps
         return ScanSeen(scan, pose), f'scan with fewer than {params.least_returns} returns'
     if seen is None or seen.scan.ranges.tobytes() != scan.ranges.tobytes():
         return ScanSeen(scan, pose), ''
@@ -123,7 +124,7 @@ def _displacement_m(scan: Scan, before: tuple[float, float, float], now: tuple[f
     ray = np.floor(np.mod(bearing, 2.0 * math.pi) / scan.angle_increment_rad).astype(np.int64)
     known = (ray >= 0) & (ray < count)
     index = np.full(count + 1, -1)
-    index[np.flatnonzero(np.isfinite(scan.ranges))] = np.arange(len(points))
+    index[np.flatnonzero(returned(scan))] = np.arange(len(points))
     index[count] = index[0]
     first, second = index[ray[known]], index[ray[known] + 1]
     joined = (first >= 0) & (second >= 0)

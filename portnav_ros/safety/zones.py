@@ -32,6 +32,7 @@ from portnav_ros.types import (
     YAW_RATE,
     Array,
     Array32,
+    BoolArray,
     Scan,
     Setpoint,
     X,
@@ -71,8 +72,17 @@ class ZoneParams:
 
 
 def scan_points(scan: Scan, turned_rad: float = 0.0) -> Array:
-    """Points [N, 2] of the returns in m, in the frame of the sensor or of one that it is turned in."""
-    return _points(scan.ranges, scan.angle_min_rad + turned_rad, scan.angle_increment_rad)
+    """Points [N, 2] of the returns in m, in the frame of the sensor or of one that it is turned in.
+
+    What is too close to be measured is taken to be at the least range.
+    """
+    first_rad = scan.angle_min_rad + turned_rad
+    return _points(scan.ranges, first_rad, scan.angle_increment_rad, scan.range_min_m)
+
+
+def returned(scan: Scan) -> BoolArray:
+    """Which rays [R] have met something."""
+    return np.asarray(scan.ranges < np.inf)
 
 
 class Zone:
@@ -122,13 +132,13 @@ class Zone:
 
 
 @njit(cache=True)
-def _points(ranges: Array32, first_rad: float, increment_rad: float) -> Array:
-    """Where the finite ranges [R] m end: [N, 2]."""
+def _points(ranges: Array32, first_rad: float, increment_rad: float, least_m: float) -> Array:
+    """Where the rays with ranges [R] m that have met something end: [N, 2]."""
     points, count = np.empty((len(ranges), 2)), 0
     for k in range(len(ranges)):
-        if math.isfinite(ranges[k]):
-            angle = first_rad + increment_rad * k
-            points[count] = ranges[k] * math.cos(angle), ranges[k] * math.sin(angle)
+        if ranges[k] < np.inf:
+            angle, distance = first_rad + increment_rad * k, max(ranges[k], least_m)
+            points[count] = distance * math.cos(angle), distance * math.sin(angle)
             count += 1
     return points[:count]
 

@@ -146,12 +146,35 @@ def test_a_quaternion_of_zeros_is_refused():
 
 @pytest.mark.parametrize(
     ('ranges', 'reason'),
-    [([], 'empty'), ([math.nan] * 9, 'only NaN'), ([5.0, -1.0], 'below 0')],
+    [
+        ([], 'empty'),
+        ([math.nan] * 9, 'only NaN'),
+        ([5.0, -1.0], 'below 0'),
+        ([0.0] * 9, 'nothing from range_min 0.5 m on'),
+        ([0.1, math.nan, 0.4], 'nothing from range_min'),
+    ],
 )
 def test_a_scan_that_says_nothing_is_refused(ranges, reason):
     message = messages.new_scan(LidarParams(), 0.1)
     message.ranges = array.array('f', ranges)
     with pytest.raises(MessageError, match=reason):
+        messages.read_scan(message)
+
+
+def test_what_lies_outside_of_the_limits_is_no_distance():
+    message = messages.new_scan(LidarParams(), 0.1)
+    message.ranges = array.array('f', [0.0, 0.4, 0.5, 400.0, 400.5, 1e9, math.inf, -math.inf])
+    read = messages.read_scan(message).ranges
+    np.testing.assert_array_equal(
+        read, [math.nan, math.nan, 0.5, 400.0, math.inf, math.inf, math.inf, -math.inf]
+    )
+
+
+@pytest.mark.parametrize('limits', [(0.0, 0.0), (5.0, 1.0), (-1.0, 10.0)])
+def test_limits_of_no_sensor_are_refused(limits):
+    message = messages.new_scan(LidarParams(), 0.1)
+    message.range_min, message.range_max = limits
+    with pytest.raises(MessageError, match='no limits of a sensor'):
         messages.read_scan(message)
 
 

@@ -75,6 +75,16 @@ def test_a_scan_without_a_return_is_not_believed_unless_on_open_water():
     assert judge_scan(PlausibilityParams(least_returns=0), None, scan, VesselState(0, 0, 0))[1] == ''
 
 
+def test_a_sensor_under_a_cover_is_not_believed():
+    assert judged([scan_of(np.full(RAYS, -np.inf))], under_way(1)) == 'scan with fewer than 1 returns'
+
+
+def test_what_is_too_close_does_not_confuse_what_follows_it():
+    ranges = np.full(RAYS, 50.0, np.float32)
+    ranges[:5] = -np.inf
+    assert judged([scan_of(ranges)] * 5, under_way(5)) == 'scan frozen'
+
+
 @pytest.mark.parametrize(
     ('scan', 'reason'),
     [

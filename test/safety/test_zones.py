@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from portnav_ros.control.autopilot import PID_SIZE, AutopilotParams, steer
+from portnav_ros.safety.mounting import Mounting
 from portnav_ros.safety.zones import Zone, ZoneParams, scan_points
 from portnav_ros.types import SURGE, Scan, Setpoint, X
 from portnav_ros.vessel import VesselParams, move_actuators, move_hull
@@ -109,3 +110,16 @@ def test_points_of_a_scan_are_its_returns():
     ranges = np.array([10.0, np.inf, 20.0, np.nan], np.float32)
     points = scan_points(Scan(ranges, -math.pi, math.pi / 2.0, 0.5, 400.0))
     np.testing.assert_allclose(points, [[-10.0, 0.0], [20.0, 0.0]], atol=1e-6)
+
+
+def test_what_is_too_close_to_be_measured_is_at_the_least_range():
+    scan = Scan(np.array([-np.inf, np.inf], np.float32), 0.0, math.pi, 0.5, 400.0)
+    np.testing.assert_allclose(scan_points(scan), [[0.5, 0.0]])
+
+
+def test_a_sensor_at_the_bow_that_is_too_close_stops_the_vessel():
+    ranges = np.full(8, np.inf, np.float32)
+    ranges[0] = -np.inf
+    length_m = VesselParams().length_m
+    points = Mounting(x_m=0.5 * length_m + 1.0).points(Scan(ranges, 0.0, math.pi / 4.0, 2.0, 400.0))
+    assert ZONE.limit_mps(at_speed(5.0), Setpoint(0.0, 5.0), points) == 0.0

@@ -160,6 +160,7 @@ FAULTS = (
     Fault('scan_frozen', SENSOR_S, 'scan frozen', _spoiling('scan', spoils.freeze_scan)),
     Fault('scan_nan', SENSOR_S, 'only NaN', _spoiling('scan', _always(spoils.fill_ranges(math.nan)))),
     Fault('scan_inf', SENSOR_S, 'returns', _spoiling('scan', _always(spoils.fill_ranges(math.inf)))),
+    Fault('scan_zero', SENSOR_S, 'from range_min', _spoiling('scan', _always(spoils.fill_ranges(0.0)))),
     Fault('scan_short', SENSOR_S, 'rays, expected', _spoiling('scan', _always(spoils.shorten))),
     Fault(
         'scan_loss_20_percent',
