@@ -24,6 +24,8 @@ from portnav_ros.nodes.process import Command
 from portnav_ros.nodes.table import NodeSpec, OnDeath
 
 PACKAGE = 'portnav_ros'
+MONITOR = 'safety_monitor'
+RETRIES = 3  # of a node that has died
 OPTIONS = {
     'planner': 'local planner: dwa, line_of_sight or muzero',
     'difficulty': 'paper, harbour, easy or a YAML file',
@@ -61,7 +63,9 @@ def _start(context: LaunchContext) -> list[Node]:
 
 
 def _node(spec: NodeSpec, command: Command, options: GraphOptions, out: Path) -> Node:
-    restart = command.on_death is OnDeath.RESTART
+    # without a manager nobody would tell a new safety monitor that the vessel has been stopped
+    restart = command.on_death is OnDeath.RESTART and spec.name != MONITOR
+    ends = not restart and command.on_death is not OnDeath.GO_ON
     return Node(
         package=PACKAGE,
         executable=spec.name,
@@ -69,7 +73,9 @@ def _node(spec: NodeSpec, command: Command, options: GraphOptions, out: Path) ->
         namespace=options.namespace,
         parameters=[str((out / PARAMETERS).resolve())],
         output='screen',
+        ros_arguments=[part for remap in options.remaps for part in ('-r', remap)],
         respawn=restart,
         respawn_delay=1.0 if restart else None,
-        on_exit=Shutdown(reason=f'{spec.name} has ended') if command.on_death is OnDeath.END else None,
+        respawn_max_retries=RETRIES,
+        on_exit=Shutdown(reason=f'{spec.name} has ended') if ends else None,
     )

@@ -64,7 +64,21 @@ def test_the_death_of_a_node_ends_or_restarts(launch):
     assert nodes['sim']['on_exit'] is not None
     assert not nodes['sim']['respawn']
     assert nodes['pid_controller']['respawn']
+    assert nodes['pid_controller']['respawn_max_retries'] > 0
     assert nodes['bag_recorder']['on_exit'] is None
+
+
+def test_a_safety_monitor_that_may_have_been_told_to_stop_is_not_started_again(launch):
+    nodes = {node['name']: node for node in launch(difficulty='easy')}
+    assert not nodes['safety_monitor']['respawn']
+    assert nodes['safety_monitor']['on_exit'] is not None
+
+
+def test_remaps_of_the_configuration_reach_every_node(launch, tmp_path):
+    config = tmp_path / 'mine.yaml'
+    config.write_text('bringup: {remaps: ["odom:=ship/odometry"]}')
+    nodes = launch(difficulty='easy', config=str(config))
+    assert all(node['ros_arguments'] == ['-r', 'odom:=ship/odometry'] for node in nodes)
 
 
 def test_a_real_vessel_takes_the_place_of_the_sim(launch):

@@ -106,7 +106,7 @@ def _supervise(
     episode = _Episode(follow, say, recorded=any(command.name == RECORDER for command in commands))
     limits = Limits(ready_s=options.ready_s)
     try:
-        make_manager = _manager(commands, options.namespace)
+        make_manager = _manager(commands, options)
         with Supervisor(commands, environment(), say, limits, (lock,), make_manager) as supervisor:
             episode.take(supervisor.wait_ready())
             episode.start()
@@ -127,14 +127,14 @@ def _supervise(
     return episode.result(_exit_code(episode.outcome), episode.outcome.name)
 
 
-def _manager(commands: Sequence[Command], namespace: str) -> Callable[[], LifecycleManager] | None:
+def _manager(commands: Sequence[Command], options: GraphOptions) -> Callable[[], LifecycleManager] | None:
     names = [command.name for command in commands if command.managed]
 
     def make() -> LifecycleManager:
         os.environ.setdefault(*DISCOVERY)  # as for the nodes
         from portnav_ros.nodes.lifecycle_manager import LifecycleManager
 
-        return LifecycleManager(names, namespace)
+        return LifecycleManager(names, options.namespace.strip('/'), options.remaps)
 
     return make if names else None
 

@@ -43,7 +43,7 @@ class Mismatches:
         """Name both ends and the mend, once the graph tells them, and forget those that have gone."""
         own = self._node.get_name()
         for topic in list(self._told):
-            pairs = mismatches(topic, ends_of(self._node, topic))
+            pairs = mismatches(self._node.resolve_topic_name(topic), ends_of(self._node, topic))
             own_pairs = [pair for pair in pairs if own in (pair.publisher, pair.subscriber)]
             if own_pairs:
                 self._named[topic] = '; '.join(f'{topic}: {pair}; {pair.mend}' for pair in own_pairs)

@@ -28,12 +28,13 @@ AGES_S = {'odom': 0.5, 'scan': 0.5, 'setpoint_raw': 1.5, 'setpoint': 1.5, 'cmd_a
 LEAST_SHARE = 0.5  # of a topic's rate: below it, the contract is broken
 OVERRUNS_SHARE = 0.05
 HUNG = '; where it runs, it hangs: end it first'  # what hangs is not discovered
+MONITOR = '/safety_monitor'  # in the root namespace
 ACTIVE, RUNNING, WAITING, PLANNED = 'active', 'RUNNING', 'waiting for', 'planned'
 ADVICE = {  # by what a message holds, the first that fits
     'QoS': 'see the topic below',
     'refused': 'see the topic below',
     'trained for': 'take a model trained for this vessel, or another planner',
-    'emergency': 'ros2 service call /safety_monitor/emergency_stop std_srvs/srv/SetBool "{data: false}"',
+    'emergency': f'ros2 service call {MONITOR}/emergency_stop std_srvs/srv/SetBool "{{data: false}}"',
     'room': 'make room by hand; where nothing is near, see the zones in docs/safety.md',
     'GOAL_': 'send a goal on the chart, further from its quays',
     'START_': 'see `odom`: by the chart, the vessel lies on a quay, or too close to one',
@@ -73,6 +74,10 @@ class Graph(NamedTuple):
     nodes: tuple[str, ...]
     topics: Mapping[str, Ends]
     statuses: Mapping[str, Status]
+
+    def resolve(self, name: str) -> str:
+        """Full name of a node or topic."""
+        return f'{self.namespace.rstrip("/")}/{name}'
 
     def ends(self, topic: str) -> Ends:
         """Ends of a topic, none where it is not there."""
@@ -172,14 +177,18 @@ def _node(graph: Graph, node: str) -> Iterator[Finding]:
     state = status.values.get('state', ACTIVE)
     found = state if status.message == state else f'{state}: {status.message}'
     if state != ACTIVE:
-        mend = f'ros2 lifecycle set /{node} {"activate" if state == "inactive" else "configure"}'
+        mend = (
+            f'ros2 lifecycle set {graph.resolve(node)} {"activate" if state == "inactive" else "configure"}'
+        )
         yield Finding(node, 'warn', found, f'{mend}; `portnav up` does so by itself')
     elif status.level == OK:
         yield Finding(node, 'ok', f'{found}{_model(status)}')
     elif 'goal reached' in status.message:
         yield Finding(node, 'ok', found)
     else:
-        yield Finding(node, 'fail' if status.level >= ERROR else 'warn', found, _advice(status.message))
+        yield Finding(
+            node, 'fail' if status.level >= ERROR else 'warn', found, _advice(graph, status.message)
+        )
     yield from _slow(node, status)
 
 
@@ -188,9 +197,10 @@ def _model(status: Status) -> str:
     return f', model {values["model"]} {values.get("model_sha256", "")[:12]}' if 'model' in values else ''
 
 
-def _advice(message: str) -> str:
+def _advice(graph: Graph, message: str) -> str:
     hints = (hint for word, hint in ADVICE.items() if word in message)
-    return next(hints, 'see docs/diagnostics.md, and its log')
+    hint = next(hints, 'see docs/diagnostics.md, and its log')
+    return hint.replace(MONITOR, graph.resolve(MONITOR.strip('/')))
 
 
 def _slow(node: str, status: Status) -> Iterator[Finding]:
@@ -212,10 +222,10 @@ def _unmatched(graph: Graph, topic: str) -> Iterator[Finding]:
 
 def _pairs(graph: Graph, topic: str) -> list[Mismatch]:
     """Ends that do not match, or else a publisher that would not match what the table asks."""
-    ends, row = graph.ends(topic), TOPICS[topic]
+    ends, row, name = graph.ends(topic), TOPICS[topic], graph.resolve(topic)
     package, kind = row.type.__module__.partition('.')[0], row.type.__name__
     asked = End('the stack', reliable=row.latched, latched=row.latched, type=f'{package}/msg/{kind}')
-    return list(mismatches(topic, ends)) or list(mismatches(topic, ends._replace(subscribers=(asked,))))
+    return list(mismatches(name, ends)) or list(mismatches(name, ends._replace(subscribers=(asked,))))
 
 
 def _inputs(graph: Graph, node: str) -> Iterator[Finding]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -10,6 +11,9 @@ from portnav_ros.evaluation.bag_writer import Storage
 from portnav_ros.nodes.table import LEARNED_PLANNERS, LOCAL_PLANNERS, NAMES, RECORDER, NodeSpec, graph
 from portnav_ros.params import ParamError, Ranges, check_ranges
 
+NAMESPACE = re.compile(r'([A-Za-z_]\w*(/[A-Za-z_]\w*)*)?', re.ASCII)
+REMAP = re.compile(r'[^\s:=]+(:[^\s:=]+)?:=[^\s:=]+')
+
 
 @dataclass(frozen=True)
 class GraphOptions:
@@ -17,10 +21,11 @@ class GraphOptions:
 
     planner: local planner. difficulty, scenario, chart, seed: what to sail; a named scenario or a chart
     takes the place of the difficulty's random port. mode: lock_step advances when every node has answered,
-    real_time by the clock, ``rate`` times as fast. namespace: of every node. without: nodes to leave out,
-    because something else plays their part. remaps: OLD:=NEW for every node or NODE:OLD:=NEW for one, such
-    as the topics of a driver that has other names. ready_s: patience with a node that starts. model,
-    simulations, allow_mismatch: parameters of a learned planner's node, before those of the configuration.
+    real_time by the clock, ``rate`` times as fast. namespace: of every node, such as ``boat_1``. without:
+    nodes to leave out, because something else plays their part. remaps: OLD:=NEW for every node or
+    NODE:OLD:=NEW for one, such as the topics of a driver that has other names. ready_s: patience with a node
+    that starts. model, simulations, allow_mismatch: parameters of a learned planner's node, before those of
+    the configuration.
     """
 
     planner: str = 'dwa'
@@ -44,6 +49,13 @@ class GraphOptions:
     def __post_init__(self) -> None:
         """Refuse what cannot be run."""
         check_ranges(self)
+        if not NAMESPACE.fullmatch(self.namespace.strip('/')):
+            raise ParamError(
+                f'namespace {self.namespace!r}: write names of letters, digits and _, such as fleet/boat_1'
+            )
+        for remap in self.remaps:
+            if not REMAP.fullmatch(remap):
+                raise ParamError(f'remaps: {remap!r} is neither OLD:=NEW nor NODE:OLD:=NEW')
         if self.planner not in LOCAL_PLANNERS:
             raise ParamError(f'planner {self.planner!r} is not one of {", ".join(LOCAL_PLANNERS)}')
         if unknown := sorted(set(self.without) - set(NAMES)):

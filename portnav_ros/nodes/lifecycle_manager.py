@@ -8,7 +8,7 @@ manager speaks on ``managed_nodes_activated`` (latched) and answers ``lifecycle_
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import rclpy
@@ -45,6 +45,12 @@ CONFIGURE = Step(Transition.TRANSITION_CONFIGURE, 'configure', INACTIVE)
 ACTIVATE = Step(Transition.TRANSITION_ACTIVATE, 'activate', ACTIVE)
 STOP = Step(0, 'stop', INACTIVE)  # no transition: an emergency stop that a new safety monitor must know of
 DEACTIVATE = Step(Transition.TRANSITION_DEACTIVATE, 'deactivate', INACTIVE)
+
+
+def ros_arguments(remaps: Iterable[str]) -> list[str]:
+    """Arguments of a process by which its nodes rename OLD:=NEW."""
+    rules = [part for remap in remaps for part in ('-r', remap)]
+    return ['--ros-args', *rules] if rules else []
 
 
 def due(states: Mapping[str, str], rising: bool) -> dict[str, Step]:
@@ -143,11 +149,13 @@ class LifecycleManager:
     Args:
         names: of the nodes, in the order of activation.
         namespace: of the nodes.
+        remaps: of the nodes; the manager hears and orders what the safety monitor does.
     """
 
-    def __init__(self, names: Sequence[str], namespace: str = '') -> None:
+    def __init__(self, names: Sequence[str], namespace: str = '', remaps: Sequence[str] = ()) -> None:
         self._context = Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        arguments = ros_arguments(remap.removeprefix(f'{MONITOR}:') for remap in remaps)
+        rclpy.init(args=arguments, context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node(NAME, context=self._context, namespace=namespace)
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)

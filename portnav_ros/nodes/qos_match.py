@@ -46,7 +46,7 @@ def mismatches(topic: str, ends: Ends) -> Iterator[Mismatch]:
     """Yield the pairs on a topic that do not match; a publisher must offer at least what is asked.
 
     Args:
-        topic: relative name, for the mend.
+        topic: resolved name, for the mend.
         ends: of the topic. A node may listen twice, of which one must match.
     """
     for publisher in ends.publishers:
@@ -73,5 +73,5 @@ def _mend(topic: str, policy: str, subscriber: End) -> str:
     strong, weak = VALUES[policy]
     return (
         f'let the publisher offer {strong}, or the subscription ask for {weak}: '
-        f'-p qos_overrides./{topic}.subscription.{policy.lower()}:={weak}'
+        f'-p qos_overrides.{topic}.subscription.{policy.lower()}:={weak}'
     )

@@ -294,6 +294,16 @@ def test_graphs_in_namespaces_of_their_own_are_told_apart():
     assert [finding.check for finding in findings if finding.status == 'fail'] == ['/b scan']
 
 
+def test_the_mend_is_for_the_nodes_of_the_namespace():
+    boat = well()._replace(namespace='/boat_1')
+    stopped = only(saying(boat, 'safety_monitor', level=1, message='stop: emergency stop'))
+    assert 'service call /boat_1/safety_monitor/emergency_stop' in stopped.mend
+    asleep = only(saying(boat, 'pid_controller', state='inactive', message='inactive'))
+    assert 'lifecycle set /boat_1/pid_controller activate' in asleep.mend
+    weak = joined(boat, 'scan', (end('scan', 'driver', reliable=False),), (end('scan', 'dwa_planner'),))
+    assert 'qos_overrides./boat_1/scan.subscription' in only(weak).mend
+
+
 def test_nodes_that_run_are_seen(graph):
     graph.add(PidController)
     graph.build(make_dwa)

@@ -155,6 +155,18 @@ def test_a_namespace_reaches_every_node(tmp_path, scenario):
     assert 'pid_controller' not in [command.name for command in commands]
 
 
+@pytest.mark.parametrize('namespace', ['my-boat', 'a//b', '1st', 'a b'])
+def test_a_namespace_that_ros_would_refuse_is_refused_before_a_node_starts(namespace):
+    with pytest.raises(ParamError, match='write names of letters'):
+        GraphOptions(namespace=namespace)
+
+
+@pytest.mark.parametrize('remap', ['odom', 'odom:=', ':=odom', 'a:b:c:=d', 'odom=ship/odometry'])
+def test_a_remap_that_renames_nothing_is_refused(remap):
+    with pytest.raises(ParamError, match='neither OLD:=NEW nor NODE:OLD:=NEW'):
+        GraphOptions(remaps=(remap,))
+
+
 def test_remaps_reach_every_node(tmp_path, scenario):
     remaps = ('odom:=ship/odometry', 'pid_controller:cmd_actuators:=ship/command')
     commands = prepare(replace(EASY, remaps=remaps), {}, scenario, tmp_path)

@@ -7,6 +7,7 @@ from std_srvs.srv import SetBool
 from portnav_ros.nodes.lifecycle_manager import LifecycleManager
 from portnav_ros.nodes.messages import new_odometry, read_values
 from portnav_ros.nodes.safety_monitor import SafetyMonitor
+from portnav_ros.nodes.topics import TOPICS, offered_qos
 
 MONITOR = 'safety_monitor'
 
@@ -98,3 +99,18 @@ def test_the_state_tells_by_which_way_a_stop_was_ordered_before_there_is_odometr
     bringup.call(True)
     state = graph.last('safety_state', lambda state: state.message == 'no odom yet')
     assert read_values(state)['emergency_stop_by'] == 'service'
+
+
+def test_the_manager_hears_orders_where_the_nodes_do(graph, monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(graph.context.get_domain_id()))
+    order = graph.other.create_publisher(Bool, 'bridge/stop', offered_qos(TOPICS['emergency_stop']))
+    remaps = ('odom:=ship/odometry', f'{MONITOR}:emergency_stop:=bridge/stop')
+    manager = LifecycleManager((MONITOR,), remaps=remaps)
+
+    def heard():
+        order.publish(Bool(data=True))
+        manager.step({MONITOR: None}, 0.005)
+        return manager._standing.in_force
+
+    graph.until(heard, 'the order')
+    manager.close()
