@@ -21,6 +21,7 @@ from portnav_ros.evaluation.learning_curves import (
     running,
     validated,
 )
+from portnav_ros.evaluation.planners import EvaluationError
 from portnav_ros.evaluation.plots_training import Drawn, training_figure
 from portnav_ros.evaluation.provenance import provenance
 from portnav_ros.evaluation.reproduce_runs import (
@@ -124,6 +125,8 @@ def _measured_dwa(file: Path, place: Place, arguments: argparse.Namespace) -> di
     """Figures of the DWA on the worlds that runs validate on; measured once, then read from the file."""
     if not file.exists() and not arguments.plot_only:
         trial, episodes = place.trial('dwa'), arguments.dwa_episodes
+        if episodes < 1:
+            raise EvaluationError(f'--dwa-episodes {episodes} must be at least 1')
         seeds = split_seeds('validation', 0, episodes)
         start_s = time.perf_counter()
         sailed = run_trial(trial, seeds, BATCH, arguments.jobs, False)

@@ -30,9 +30,11 @@ def split_seeds(split: Split, first: int, episodes: int) -> range:
     """World seeds of ``first``, ``first + 1`` ... within a split; splits share no world.
 
     Raises:
-        EvaluationError: a seed would fall into the next split.
+        EvaluationError: no episode is asked for, or a seed would fall into another split.
     """
-    if first < 0 or episodes < 1 or first + episodes > SEEDS_PER_SPLIT:
+    if episodes < 1:
+        raise EvaluationError(f'--episodes {episodes} must be at least 1')
+    if first < 0 or first + episodes > SEEDS_PER_SPLIT:
         raise EvaluationError(
             f'--seed {first} with --episodes {episodes}: a split has the seeds 0 to {SEEDS_PER_SPLIT - 1}'
         )

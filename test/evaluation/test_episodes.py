@@ -158,10 +158,16 @@ def test_splits_share_no_seed():
     assert split_seeds('training', 5, 2) == range(5, 7)
 
 
-@pytest.mark.parametrize(('first', 'episodes'), [(-1, 1), (0, 0), (SEEDS_PER_SPLIT - 1, 2)])
+@pytest.mark.parametrize(('first', 'episodes'), [(-1, 1), (SEEDS_PER_SPLIT - 1, 2)])
 def test_seeds_outside_a_split_are_refused(first, episodes):
     with pytest.raises(EvaluationError, match='a split has the seeds 0 to 999999'):
         split_seeds('test', first, episodes)
+
+
+@pytest.mark.parametrize('episodes', [0, -3])
+def test_an_evaluation_without_episodes_is_refused(episodes):
+    with pytest.raises(EvaluationError, match=f'--episodes {episodes} must be at least 1'):
+        split_seeds('test', 0, episodes)
 
 
 def test_unknown_and_missing_planners(scenarios):

@@ -221,6 +221,7 @@ def test_a_mistake_in_the_cells_is_named(tmp_path, text, words):
     [
         ('table', '--seeds', 0),
         ('table', '--steps', 0),
+        ('figure', '--dwa-episodes', 0),
         ('ablation', '--only', 'puct-9000'),
         ('pictures', '--planner', 'dwa', '--simulations', 3),
     ],
