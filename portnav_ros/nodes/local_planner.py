@@ -36,11 +36,13 @@ from portnav_ros.safety.plausibility import ray_misfit
 from portnav_ros.safety.progress import Advance, ProgressWatch
 from portnav_ros.sim.scenario import PATH_SPACING_M
 from portnav_ros.task.observation import Observer
+from portnav_ros.task.path_errors import advance, remaining_m
 from portnav_ros.task.policy import Holding, Policy
 from portnav_ros.types import RUDDER, STATE_SIZE, THRUST, YAW, Array, Setpoint, X, Y
 
 ODOM, SCAN = 'odom', 'scan'
 WATCH_S = 0.1
+PASSING = 2.0  # goal radii of path ahead, from which on being near the goal is no arrival
 DECISIONS = 1000  # that the latency is told of
 EVERYONE = np.ones(1, dtype=bool)
 
@@ -77,6 +79,7 @@ class LocalPlanner(PortNode[PlannerParams]):
         self._policy = self._make_policy(params)
         self._warm_up()
         self._path: Array | None = None
+        self._arrived = False
         self._advance = Advance.SAIL_ON
         self._message = new_setpoint()
         self._setpoints = self.publisher('setpoint_raw')
@@ -113,6 +116,10 @@ class LocalPlanner(PortNode[PlannerParams]):
             return Health(DiagnosticStatus.WARN, f'stop: {self._reason}', values)
         if self._advance is not Advance.SAIL_ON:
             return Health(DiagnosticStatus.WARN, f'no progress along the plan: {self._advance.value}', values)
+        if self._joints_lost:
+            return Health(
+                DiagnosticStatus.WARN, 'joint_states too old: rudder and thrust are taken as 0', values
+            )
         return Health(values=values)
 
     def explain(self, decision_s: float) -> None:
@@ -134,6 +141,7 @@ class LocalPlanner(PortNode[PlannerParams]):
         self.params.mounting.centred(read_scan(new_scan(self.params.lidar, self.params.period_s)))
         ranges = np.full((1, self.params.lidar.rays), np.float32(self.params.lidar.range_max_m))
         self._policy.act(self._observer.update(np.zeros((1, STATE_SIZE)), ranges, np.zeros((1, 2))))
+        advance(path, len(path), 0.0, 0.0, 0.0)
 
     def _forget(self) -> None:
         """Start anew: nothing is known but the plan."""
@@ -141,6 +149,7 @@ class LocalPlanner(PortNode[PlannerParams]):
         self._ranges = np.zeros((1, self.params.lidar.rays), np.float32)
         self._setpoint = np.zeros((1, 2))
         self._time_ns = self._scan_ns = self._scan_seen_ns = self._joints_ns = -1
+        self._joints_lost = False
         self._due_ns = 0
         self._reason = ''
         self._stop_yaw_rad: float | None = None
@@ -160,7 +169,7 @@ class LocalPlanner(PortNode[PlannerParams]):
         same = self._path is not None and np.array_equal(path, self._path)
         if same and self._advance is not Advance.GIVE_UP:
             return
-        self._path = path
+        self._path, self._arrived = path, False
         if self.active:
             self._begin_path()
             self._due_ns = 0
@@ -203,6 +212,7 @@ class LocalPlanner(PortNode[PlannerParams]):
             return
         self._due_ns = self._time_ns - self._time_ns % self._period_ns + self._period_ns
         self._inputs.judge(self._time_ns)
+        self._forget_old_joints()
         self._reason = self._find_reason_to_stop()
         if self._reason:
             self._stop()
@@ -221,11 +231,25 @@ class LocalPlanner(PortNode[PlannerParams]):
             return 'no plan'
         if self._inputs.reason:
             return self._inputs.reason
-        goal = self._path[-1] - self._own[0, [X, Y]]
-        if math.hypot(*goal) <= self.params.goal_radius_m:
+        if self._has_arrived(self._path):
             return 'goal reached'
         gave_up = self._advance is Advance.GIVE_UP and not self.lock_step
         return 'stuck: no progress along the plan' if gave_up else ''
+
+    def _has_arrived(self, path: Array) -> bool:
+        """Whether the vessel has come to the end of its path; once there it waits for another plan."""
+        x_m, y_m = self._own[0, [X, Y]].tolist()
+        if math.dist(path[-1], (x_m, y_m)) <= self.params.goal_radius_m:
+            progress = advance(path, len(path), float(self._observer.progress[0]), x_m, y_m)
+            left_m = remaining_m(path, progress)  # a path may pass by its own end
+            self._arrived = self._arrived or left_m <= PASSING * self.params.goal_radius_m
+        return self._arrived
+
+    def _forget_old_joints(self) -> None:
+        """Take rudder and thrust as 0, as without feedback, where the last feedback is too old."""
+        self._joints_lost = 0 <= self._joints_ns < self._time_ns - self._age_ns
+        if self._joints_lost:
+            self._own[0, [RUDDER, THRUST]] = 0.0
 
     def _sail(self) -> None:
         if self._stop_yaw_rad is not None:

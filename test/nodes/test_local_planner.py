@@ -93,6 +93,15 @@ class Stack:
         self.odom(time_ns, **pose)
         self._graph.until(lambda: self.node._time_ns == time_ns, 'the odometry')
 
+    def sail_to_the_goal(self):
+        """From the first second to the third."""
+        self.settle(SECOND_NS)
+        for k, x_m in enumerate((350.0, 700.0), 2):
+            self.moment(k * SECOND_NS, x=x_m)
+            self.answer(k * SECOND_NS)
+        self.moment(4 * SECOND_NS, x=950.0)
+        self.stopped('goal reached')
+
     def silence(self, length_s):
         """Let time pass in which nobody speaks."""
         self._clock.now_s += length_s
@@ -210,9 +219,36 @@ def test_a_scan_from_the_future_cannot_pass_for_fresh_for_ever(graph, stack):
 
 
 def test_at_the_goal_the_vessel_is_stopped(patient):
-    patient.settle(SECOND_NS)
-    patient.moment(2 * SECOND_NS, x=950.0)
-    patient.stopped('goal reached')
+    patient.sail_to_the_goal()
+
+
+def test_a_vessel_that_has_arrived_does_not_set_off_by_itself(graph, patient):
+    patient.sail_to_the_goal()
+    patient.moment(5 * SECOND_NS, x=800.0)
+    assert patient.answer(5 * SECOND_NS).speed_mps == 0.0
+    patient.plan(PATH + np.array([0.0, 50.0]))
+    graph.until(lambda: patient.node._path[0, 1] == 50.0, 'the other plan')
+    patient.moment(6 * SECOND_NS, x=800.0)
+    assert patient.answer(6 * SECOND_NS) == pytest.approx(SAIL)
+
+
+def test_a_path_that_ends_where_it_begins_is_sailed(graph, patient):
+    patient.plan(np.array([[0.0, 0.0], [500.0, 0.0], [500.0, 20.0], [0.0, 20.0]]))
+    graph.until(lambda: patient.node._path is not None, 'the plan')
+    patient.moment(0)
+    assert patient.answer(0) == pytest.approx(SAIL)
+
+
+def test_feedback_that_is_too_old_is_none(graph, stack):
+    stack.joints(SECOND_NS)
+    graph.until(lambda: stack.node._joints_ns == SECOND_NS)
+    stack.settle(SECOND_NS)
+    stack.answer(SECOND_NS)
+    assert stack.policy.seen[-1].own[0, 5:7] == pytest.approx((0.2, 1000.0))
+    stack.moment(2 * SECOND_NS)
+    stack.answer(2 * SECOND_NS)
+    assert stack.policy.seen[-1].own[0, 5:7] == pytest.approx((0.0, 0.0))
+    assert graph.status('planner', lambda status: 'joint_states too old' in status.message)
 
 
 def test_a_policy_that_gives_nonsense_stops_the_vessel(patient):
