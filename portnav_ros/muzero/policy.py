@@ -161,8 +161,7 @@ def _networks(model: Model) -> NumpyModel:
 def _search(model: Model, networks: NumpyModel, simulations: int | None) -> Search | None:
     """A search that explores nothing, as the card has it; None for 0 simulations."""
     try:
-        params = override(SearchParams(), model.card.search, f'{model.path.stem}.json: search')
-        params = replace(params, gumbel_scale=0.0, dirichlet_fraction=0.0)
+        params = override(SearchParams(), model.card.search, f'{model.path.stem}.json: search').quiet()
         if simulations == 0:
             return None
         if simulations is not None:

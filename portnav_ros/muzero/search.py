@@ -7,7 +7,7 @@ Rules: POZero (Grill et al. 2020, "Monte-Carlo tree search as regularized policy
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, NamedTuple, TypeVar
 
 import numpy as np
@@ -89,6 +89,10 @@ class SearchParams:
             raise ParamError(f'rule = {self.rule!r} must be one of {", ".join(RULES)}')
         check_ranges(self)
         check_range(self, q_ceiling=(max(self.q_floor, 1e-6), math.inf))
+
+    def quiet(self) -> SearchParams:
+        """The same search without what it explores with, so that at temperature 0 it draws nothing."""
+        return replace(self, gumbel_scale=0.0, dirichlet_fraction=0.0)
 
     @property
     def acts_by_policy(self) -> bool:

@@ -69,7 +69,8 @@ class Run:
         self.example = scenarios[0]
         self.validation = Validation(scenarios, params.task, VALIDATION_BATCH)
         batch = min(VALIDATION_BATCH, len(scenarios))
-        self.search = Search(params.search, batch, params.task.actions.count, params.network.latent)
+        count, latent = params.task.actions.count, params.network.latent
+        self.search = Search(params.search.quiet(), batch, count, latent)
         self.progress = Progress(params.schedule.steps, self.loop.steps, 'MuZero')
         self.logged = self.loop.steps, time.perf_counter(), dict(self.loop.busy_s)
 

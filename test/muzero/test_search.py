@@ -100,6 +100,26 @@ def test_acting_by_policy_adds_no_noise(tabular):
     assert all((other == visits[0]).all() for other in visits)
 
 
+@pytest.mark.parametrize(
+    'options', [{'rule': rule, 'act': act} for rule in RULES for act in (True, False)], ids=str
+)
+def test_a_quiet_search_at_temperature_0_depends_on_no_draw(options, tabular):
+    model, starts = tabular.random(rng(0), 12, 27), range(12)
+    params = SearchParams(simulations=12, **options)
+    first, second = (run(model, starts, params.quiet(), seed=seed) for seed in (0, 1))
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_array_equal(one, other)
+    loud = [run(model, starts, params, seed=seed) for seed in range(5)]
+    differs = any((other.action != loud[0].action).any() for other in loud)
+    assert differs == (options != {'rule': 'pozero', 'act': True})
+
+
+def test_quiet_leaves_pozero_as_it_is(tabular):
+    model, params = tabular.random(rng(0), 12, 27), SearchParams(simulations=12)
+    for one, other in zip(*(run(model, range(12), each) for each in (params, params.quiet())), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_switches_choose_between_policy_and_visits(tabular):
     model = tabular.random(rng(1), 6, 5)
     everything = run(model, [2], SearchParams(rule='pozero'), temperature=1.0)

@@ -23,7 +23,7 @@ from portnav_ros.muzero.loop import Loop, Params  # noqa: E402
 from portnav_ros.muzero.model_file import load_model  # noqa: E402
 from portnav_ros.muzero.networks import NetworkParams  # noqa: E402
 from portnav_ros.muzero.replay import ReplayParams  # noqa: E402
-from portnav_ros.muzero.search import SearchParams  # noqa: E402
+from portnav_ros.muzero.search import RULES, SearchParams  # noqa: E402
 from portnav_ros.muzero.selfplay import SelfPlayParams  # noqa: E402
 from portnav_ros.muzero.train import Run, train  # noqa: E402
 from portnav_ros.task.actions import ActionParams  # noqa: E402
@@ -199,6 +199,19 @@ def test_a_checkpoint_with_the_arrays_of_another_run_is_refused_by_name(whole, t
 def test_a_folder_in_use_is_refused(whole):
     with pytest.raises(TrainingError, match='--resume'):
         train(params(), Job(whole, seed=5))
+
+
+@pytest.mark.parametrize('rule', RULES)
+def test_a_validation_explores_nothing_whatever_the_rule(tmp_path, rule):
+    run = Run(params(rule=rule), Job(tmp_path / 'run', seed=5))
+    run.close()
+    features = np.random.default_rng(0).standard_normal((3, run.params.task.observation.size))
+    first, second = (
+        run.search.run(run.loop.model, features.astype(np.float32), np.random.default_rng(seed), None, 0.0)
+        for seed in (0, 1)
+    )
+    for one, other in zip(first, second, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize('rule', ['puct', 'gumbel'])
