@@ -9,6 +9,7 @@ at once:
 
 import math
 import signal
+import time
 
 import numpy as np
 import rclpy
@@ -65,7 +66,7 @@ class Driver(Node):
         super().__init__('driver', **options)
         self.enabled = self.declare_parameter('enabled', True).value
         self.vessel, self.refused, self.ticks = Vessel(), 0, 0
-        self.command, self.commanded_ns = (0.0, 0.0), -math.inf
+        self.command, self.commanded_ns, self.received_s = (0.0, 0.0), -math.inf, -math.inf
         self.odom = self.create_publisher(Odometry, 'odom', 10)
         self.scan = self.create_publisher(LaserScan, 'scan', 5)
         self.joints = self.create_publisher(JointState, 'joint_states', 10)
@@ -91,6 +92,7 @@ class Driver(Node):
         stamp = message.header.stamp
         self.command = command
         self.commanded_ns = min(stamp.sec * 10**9 + stamp.nanosec, self.now_ns())
+        self.received_s = time.monotonic()  # by a clock that nobody sets
 
     def enable(self, request, response):
         """Disabled is neutral, whatever is commanded."""
@@ -99,7 +101,8 @@ class Driver(Node):
 
     def tick(self):
         """Drive, then say where the vessel is."""
-        fresh = self.now_ns() - self.commanded_ns <= NEUTRAL_S * 1e9
+        age_s = max((self.now_ns() - self.commanded_ns) * 1e-9, time.monotonic() - self.received_s)
+        fresh = age_s <= NEUTRAL_S
         self.vessel.drive(*(self.command if self.enabled and fresh else (0.0, 0.0)))
         self.odom.publish(self.odometry())
         self.joints.publish(self.feedback())

@@ -6,16 +6,18 @@
 
 A command becomes the same thrust and the same angle at both pods. They stand at the stern, where a push to
 port swings the bow to starboard, so a rudder to port is a pod angle of the opposite sign. Gazebo keeps the
-last thrust for ever: it is here that old commands end, in the time of VRX's odometry.
+last thrust for ever: it is here that old commands end, in the time of VRX's odometry, and with the odometry.
 """
 
 import math
 import signal
+import time
 
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
@@ -28,6 +30,7 @@ SCAN = 'wamv/sensors/lidars/lidar_wamv_sensor/scan'
 PODS = ('left', 'right')
 THRUST_MIN_N, THRUST_MAX_N, ANGLE_MAX_RAD = -100.0, 250.0, 0.61  # of one pod
 NEUTRAL_NS, SECOND_NS = 1_000_000_000, 1_000_000_000
+SILENCE_S, WATCH_S = 1.0, 0.1  # by the clock on the wall
 RAYS = 180
 LIDAR_X_M, LIDAR_Y_M, LIDAR_YAW_RAD = 0.7, 0.0, 0.0  # where it stands on the hull
 JOINTS = ['rudder', 'propulsion']
@@ -40,6 +43,7 @@ class VrxAdapter(Node):
         super().__init__('vrx_adapter', **options)
         self.enabled, self.time_ns, self.told_ns = True, 0, -SECOND_NS
         self.command, self.commanded_ns = (0.0, 0.0), -math.inf
+        self.heard_s = time.monotonic()
         self.odom = self.create_publisher(Odometry, 'odom', 10)
         self.scan = self.create_publisher(LaserScan, 'scan', 5)
         self.joints = self.create_publisher(JointState, 'joint_states', 10)
@@ -50,6 +54,7 @@ class VrxAdapter(Node):
         self.create_subscription(LaserScan, SCAN, self.take_scan, qos_profile_sensor_data)
         self.create_subscription(JointState, 'cmd_actuators', self.take_command, qos_profile_sensor_data)
         self.create_service(SetBool, '~/enable', self.enable)
+        self.create_timer(WATCH_S, self.watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def take_command(self, message):
         """Take a command as a whole or not at all."""
@@ -64,7 +69,10 @@ class VrxAdapter(Node):
 
     def take_odometry(self, message):
         """Pass on the pose in the world, as that in the map; VRX's twist is in the body frame already."""
-        self.time_ns = message.header.stamp.sec * SECOND_NS + message.header.stamp.nanosec
+        time_ns = message.header.stamp.sec * SECOND_NS + message.header.stamp.nanosec
+        if time_ns < self.time_ns:
+            self.commanded_ns = self.told_ns = -math.inf  # the simulation has begun anew
+        self.time_ns, self.heard_s = time_ns, time.monotonic()
         rudder, thrust = self.drive()
         message.header.frame_id, message.child_frame_id = 'map', 'base_link'
         message.pose.covariance[::7] = np.full(6, 0.05**2)  # the truth, but nobody trusts a variance of 0
@@ -76,6 +84,12 @@ class VrxAdapter(Node):
         if self.time_ns - self.told_ns >= SECOND_NS:
             self.told_ns = self.time_ns
             self.diagnostics.publish(self.status(message.header.stamp))
+
+    def watch(self):
+        """Leave the pods without thrust when the odometry has ended, by which time is told."""
+        if time.monotonic() - self.heard_s > SILENCE_S:
+            self.command = (0.0, 0.0)
+            self.drive()
 
     def drive(self):
         """Order the pods; returns rudder and thrust as the contract counts them."""

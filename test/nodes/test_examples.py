@@ -98,6 +98,40 @@ def test_a_command_with_an_old_stamp_is_worth_nothing(graph):
     assert driver.vessel.thrust > 0.0
 
 
+def test_a_clock_that_steps_back_keeps_no_command_alive(graph, monkeypatch):
+    driver = graph.build(template.Driver)
+    driver.take_command(command(driver.now_ns(), 0.3, 1000.0))
+    now_ns = driver.now_ns()
+    monkeypatch.setattr(driver, 'now_ns', lambda: now_ns - 300 * SECOND_NS)
+    driver.received_s -= 2.0
+    driver.tick()
+    assert (driver.vessel.rudder, driver.vessel.thrust) == (0.0, 0.0)
+
+
+def test_the_adapter_leaves_no_thrust_when_the_odometry_ends(graph):
+    driver, ordered = graph.build(adapter.VrxAdapter), []
+    graph.other.create_subscription(Float64, 'wamv/thrusters/left/thrust', ordered.append, 10)
+    graph.until(lambda: driver.thrusts[0].get_subscription_count(), 'a thruster')
+    driver.take_odometry(new_odometry())
+    driver.take_command(command(0, 0.0, 200.0))
+    driver.take_odometry(new_odometry())
+    graph.until(lambda: ordered and ordered[-1].data == 100.0, 'thrust')
+    driver.heard_s -= 2.0
+    driver.watch()
+    graph.until(lambda: ordered[-1].data == 0.0, 'no thrust')
+
+
+def test_the_adapter_begins_anew_with_the_simulation(graph):
+    driver = graph.build(adapter.VrxAdapter)
+    late = new_odometry()
+    late.header.stamp.sec = 100
+    driver.take_odometry(late)
+    driver.take_command(command(100 * SECOND_NS, 0.0, 200.0))
+    assert driver.obeying()
+    driver.take_odometry(new_odometry())
+    assert not driver.obeying()
+
+
 def test_the_adapter_passes_on_the_stand_in_of_vrx(graph):
     world, driver = graph.build(stand_in.VrxStandIn), graph.build(adapter.VrxAdapter)
     probe = graph.build(DriverProbe)
