@@ -31,7 +31,7 @@ MIN_DAMPING_SPEED_MPS = 0.5
 
 @dataclass(frozen=True)
 class VesselParams:
-    """A vessel preset, as in config/vessels/*.yaml.
+    """A vessel preset, as in config/vessels/*.yaml; by default its ``shuttle``.
 
     The steady turn at full rudder has the radius ``length_m / (turn_gain * rudder_max_rad)``.
 
@@ -50,12 +50,12 @@ class VesselParams:
     mass_kg: float = 90.0e3
     drag_kg_per_m: float = 1500.0
     thrust_max_n: float = 37.5e3
-    thrust_min_n: float = -18.75e3
+    thrust_min_n: float = -15.0e3
     thrust_rate_nps: float = 3.75e3
     rudder_max_rad: float = 0.6108652381980153
     rudder_rate_radps: float = 0.08726646259971647
-    turn_gain: float = 1.1
-    turn_lag: float = 1.0
+    turn_gain: float = 1.09
+    turn_lag: float = 0.7
     paper_literal: bool = False
     paper_turn_gain: float = 0.01
     ranges: ClassVar[Ranges] = {

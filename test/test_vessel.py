@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from portnav_ros.params import ParamError
+from portnav_ros.sim.difficulty import load_vessel
 from portnav_ros.types import RUDDER, SURGE, THRUST, YAW, YAW_RATE, X, Y
 from portnav_ros.vessel import VesselParams, move_actuators, move_hull
 
@@ -19,6 +20,10 @@ def sail(own, seconds, vessel=VESSEL, dt=DT):
     for _ in range(round(seconds / dt)):
         move_hull(model, own, dt)
     return own
+
+
+def test_the_default_is_the_preset_of_its_name():
+    assert load_vessel(VESSEL.name) == VESSEL
 
 
 def test_speed_from_rest_is_a_hyperbolic_tangent():

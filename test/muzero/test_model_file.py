@@ -191,7 +191,7 @@ def test_a_vessel_of_another_name_and_the_same_numbers_fits(path):
 def test_another_vessel_is_told_with_its_numbers(path):
     reason = vessel_misfit(load_model(path), load_vessel('cemt_va'))
     assert 'model.safetensors: trained for vessel tug, not cemt_va (length_m 110.0 instead of 31.0' in reason
-    assert ' and 7 more); ' in reason
+    assert ' and 5 more); ' in reason
     assert '--planner dwa' in reason
     assert '--allow-mismatch (of a node: allow_mismatch:=true)' in reason
 
