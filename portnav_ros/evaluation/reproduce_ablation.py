@@ -15,7 +15,7 @@ from portnav_ros.evaluation.markdown import markdown
 from portnav_ros.evaluation.planners import EvaluationError
 from portnav_ros.evaluation.provenance import provenance
 from portnav_ros.evaluation.reproduce_runs import add_arguments as add_run_arguments
-from portnav_ros.evaluation.reproduce_runs import place_of, refuse, sail, seeds_of, set_by
+from portnav_ros.evaluation.reproduce_runs import asked_for, place_of, refuse, sail, seeds_of
 from portnav_ros.evaluation.statistics import SeedDifference, sample, seed_difference
 from portnav_ros.evaluation.summary import write_json
 from portnav_ros.evaluation.training_runs import Place, Preset, Run, Values, checked, merged, read_preset
@@ -114,13 +114,11 @@ def ablation_runs(cells: Cells, preset: Preset, arguments: argparse.Namespace) -
     Raises:
         EvaluationError: a folder holds a run of other parameters.
     """
-    options = set_by(place_of(arguments, Place(testbed='head_on')), arguments.steps)
+    place, seeds = place_of(arguments, Place(testbed='head_on')), seeds_of(arguments)
     runs = {}
     for name, values in cells.cells.items():
-        parameters = merged(merged(preset.values, values), options)
-        runs[name] = [
-            Run(arguments.out, f'{name}-{seed}', 'muzero', seed, parameters) for seed in seeds_of(arguments)
-        ]
+        parameters = asked_for(merged(preset.values, values), place, arguments.steps)
+        runs[name] = [Run(arguments.out, f'{name}-{seed}', 'muzero', seed, parameters) for seed in seeds]
         checked(runs[name])
     return runs
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,9 @@ from portnav_ros.evaluation.planners import EvaluationError
 from portnav_ros.evaluation.provenance import command_line
 from portnav_ros.evaluation.training_fleet import Crew, train_all
 from portnav_ros.evaluation.training_runs import Place, Run, Values, checked, merged, read_preset
+from portnav_ros.params import override
 from portnav_ros.training.scenarios import TESTBEDS
+from portnav_ros.training.schedule import ScheduleParams
 
 TITLES = {'muzero': 'MuZero', 'ppo': 'PPO'}
 
@@ -67,9 +70,15 @@ def seeds_of(arguments: argparse.Namespace) -> range:
     return range(arguments.seeds)
 
 
-def set_by(place: Place, steps: int) -> dict[str, Any]:
-    """What the options set over a preset."""
-    return {'scenarios': place._asdict(), 'schedule': {'steps': steps}}
+def asked_for(values: Values, place: Place, steps: int) -> dict[str, Any]:
+    """A preset's values with what the options set over them, and intervals that make a curve of a short run.
+
+    Raises:
+        ParamError: the schedule cannot be.
+    """
+    asked = merged(values, {'scenarios': place._asdict(), 'schedule': {'steps': steps}})
+    schedule = override(ScheduleParams(), asked['schedule'], 'schedule').with_curves()
+    return merged(asked, {'schedule': asdict(schedule)})
 
 
 def paper_runs(arguments: argparse.Namespace) -> list[Run]:
@@ -79,13 +88,12 @@ def paper_runs(arguments: argparse.Namespace) -> list[Run]:
         EvaluationError: a folder holds a run of other parameters.
         ParamError: a preset cannot be read.
     """
-    place = place_of(arguments, Place())
-    options = set_by(place, arguments.steps)
+    place, seeds = place_of(arguments, Place()), seeds_of(arguments)
     muzero, ppo = read_preset(arguments.preset), read_preset(arguments.ppo_preset)
     same = {name: muzero.values[name] for name in ('task', 'scenarios') if name in muzero.values}
     values: dict[str, Values] = {
-        'muzero': merged(muzero.values, options),
-        'ppo': merged(merged(ppo.values, same), options),
+        'muzero': asked_for(muzero.values, place, arguments.steps),
+        'ppo': asked_for(merged(ppo.values, same), place, arguments.steps),
     }
     runs = [
         Run(
@@ -95,7 +103,7 @@ def paper_runs(arguments: argparse.Namespace) -> list[Run]:
             seed,
             values[algorithm],
         )
-        for seed in seeds_of(arguments)
+        for seed in seeds
         for algorithm in TITLES
         if arguments.only in (None, algorithm)
     ]

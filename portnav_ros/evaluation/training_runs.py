@@ -17,6 +17,7 @@ from portnav_ros.training.run_directory import RunDirectory, flat, plain, read_m
 from portnav_ros.training.scenarios import TESTBEDS
 
 Values = Mapping[str, Any]
+INTERVALS = ('schedule/log_every', 'schedule/validate_every', 'schedule/save_every')
 
 
 class Place(NamedTuple):
@@ -117,7 +118,7 @@ class Run:
         return [*options, *out]
 
     def check(self) -> None:
-        """Refuse a folder that holds a run of other parameters.
+        """Refuse a folder that holds a run of other parameters; how often it writes changes no run.
 
         Raises:
             EvaluationError: names the folder, the key, both values and the mend.
@@ -127,7 +128,7 @@ class Run:
         begun = flat(self.directory.read_config())
         asked = {'algorithm': self.algorithm, 'seed': self.seed, **flat(plain(self.values))}
         for key, value in asked.items():
-            if begun.get(key) != value:
+            if key not in INTERVALS and begun.get(key) != value:
                 raise EvaluationError(
                     f'{self.directory.path}: this run was begun with {key} = {begun.get(key)!r}, '
                     f'not {value!r}; choose another --out or remove the folder'

@@ -74,6 +74,20 @@ def test_both_algorithms_sail_the_same_task(tmp_path):
     assert {run.steps for run in runs} == {1000}
 
 
+def test_a_short_run_still_makes_a_curve(tmp_path):
+    every = {'steps': 200_000, 'log_every': 10_000, 'validate_every': 25_000, 'save_every': 10_000}
+    runs = runs_of('--preset', 'best', '--steps', 200_000, '--out', tmp_path)
+    assert all(run.values['schedule'] == every for run in runs)
+    file = tmp_path / 'cells.yaml'
+    file.write_text(CELLS)
+    assert ablation_run(tmp_path, 'b', 0, read_cells(file)).values['schedule']['log_every'] == 5
+
+
+def test_a_run_of_the_presets_length_has_its_intervals(tmp_path):
+    every = {'steps': 5_000_000, 'log_every': 20_000, 'validate_every': 250_000, 'save_every': 250_000}
+    assert all(run.values['schedule'] == every for run in runs_of('--out', tmp_path))
+
+
 def test_one_of_the_two(tmp_path):
     runs = runs_of('--only', 'ppo', '--seeds', 2, '--testbed', 'head_on', '--out', tmp_path)
     assert [run.name for run in runs] == ['ppo-paper-head_on-0', 'ppo-paper-head_on-1']

@@ -114,6 +114,13 @@ def test_a_run_of_other_parameters_is_refused(tmp_path, changes, words):
     assert '--out' in str(failure.value)
 
 
+def test_a_run_that_wrote_at_other_intervals_is_the_same_run(tmp_path):
+    schedule = {'steps': 100, 'log_every': 5, 'validate_every': 12, 'save_every': 5}
+    run = make_run(tmp_path, values={**VALUES, 'schedule': schedule})
+    begin(run, schedule={'log_every': 200_000, 'validate_every': 2_500_000, 'save_every': 1_000_000})
+    assert checked([run]) == [run]
+
+
 def test_merged_leaves_both_as_they_were():
     low, high = {'a': {'b': 1, 'c': 2}, 'd': 3}, {'a': {'c': 4}, 'e': {}}
     assert merged(low, high) == {'a': {'b': 1, 'c': 4}, 'd': 3, 'e': {}}
