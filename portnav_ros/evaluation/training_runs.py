@@ -128,7 +128,9 @@ class Run:
         begun = flat(self.directory.read_config())
         asked = {'algorithm': self.algorithm, 'seed': self.seed, **flat(plain(self.values))}
         for key, value in asked.items():
-            if key not in INTERVALS and begun.get(key) != value:
+            if key in INTERVALS or (key not in begun and not value):  # younger than the run, and off
+                continue
+            if begun.get(key) != value:
                 raise EvaluationError(
                     f'{self.directory.path}: this run was begun with {key} = {begun.get(key)!r}, '
                     f'not {value!r}; choose another --out or remove the folder'

@@ -13,7 +13,7 @@ from portnav_ros.evaluation.planners import EvaluationError
 from portnav_ros.evaluation.reproduce_ablation import ablation_runs, compare, read_cells, score_of
 from portnav_ros.evaluation.reproduce_pictures import sail_subject
 from portnav_ros.evaluation.reproduce_table import reward_at, table_rows
-from portnav_ros.evaluation.training_runs import read_preset
+from portnav_ros.evaluation.training_runs import merged, read_preset
 from portnav_ros.evaluation.trial import Trial
 from portnav_ros.resources import config_path
 from portnav_ros.training.run_directory import plain
@@ -211,6 +211,14 @@ def test_the_cells_that_come_with_the_package():
     assert rules == {(rule, n) for rule in ('pozero', 'puct', 'gumbel') for n in (8, 25, 50)}
     assert cells.cells['atoms-h']['network']['value'] == {'count': 101, 'spacing': 'h'}
     assert cells.cells['discount-0.99']['targets']['discount'] == 0.99
+
+
+@pytest.mark.parametrize('preset', ['best', 'rehearse'])
+def test_every_cell_plays_by_its_search(preset):
+    values = read_preset(preset).values
+    for cell in read_cells(config_path('reproduce', 'ablation.yaml')).cells.values():
+        asked = merged(values, cell)
+        assert asked['teaching']['steps'] == asked['rehearsal']['steps'] == 0
 
 
 @pytest.mark.parametrize(

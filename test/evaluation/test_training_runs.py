@@ -97,6 +97,13 @@ def test_parameters_that_a_preset_leaves_out_may_be_anything(tmp_path):
     make_run(tmp_path).check()
 
 
+def test_a_parameter_younger_than_the_run_may_only_be_off(tmp_path):
+    begin(make_run(tmp_path))
+    make_run(tmp_path, values={**VALUES, 'rehearsal': {'steps': 0}}).check()
+    with pytest.raises(EvaluationError, match='rehearsal/steps = None, not 7'):
+        make_run(tmp_path, values={**VALUES, 'rehearsal': {'steps': 7}}).check()
+
+
 @pytest.mark.parametrize(
     ('changes', 'words'),
     [
