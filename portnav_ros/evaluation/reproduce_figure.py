@@ -6,7 +6,6 @@ import argparse
 import json
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from tqdm import tqdm
@@ -35,7 +34,7 @@ from portnav_ros.evaluation.reproduce_runs import (
 from portnav_ros.evaluation.reproduce_runs import add_arguments as add_run_arguments
 from portnav_ros.evaluation.summary import summarise, write_json
 from portnav_ros.evaluation.training_runs import Place, Run
-from portnav_ros.evaluation.trial import split_seeds
+from portnav_ros.evaluation.trial import Trial, split_seeds
 from portnav_ros.evaluation.workers import run_trial
 from portnav_ros.training.episode_statistics import WINDOW
 
@@ -68,8 +67,8 @@ def run(arguments: argparse.Namespace) -> int:
     """
     runs = paper_runs(arguments)
     place = place_of(arguments, Place())
-    file = arguments.out / f'dwa-{place.name}-{arguments.dwa_episodes}.json'
-    dwa = _measured_dwa(file, place, arguments)
+    trial = place.trial('dwa', runs[0].values['scenarios'].get('validation_route', 'difficulty'))
+    dwa = _measured_dwa(trial, place, arguments)
     failed = sail(runs, arguments)
     curves = [_read(name, runs) for name in TITLES if any(run.algorithm == name for run in runs)]
     figure = training_figure(
@@ -121,10 +120,12 @@ def _across(curves: Sequence[Curve]) -> Across:
     return across(curves, all_steps(curves))
 
 
-def _measured_dwa(file: Path, place: Place, arguments: argparse.Namespace) -> dict[str, Any] | None:
-    """Figures of the DWA on the worlds that runs validate on; measured once, then read from the file."""
+def _measured_dwa(trial: Trial, place: Place, arguments: argparse.Namespace) -> dict[str, Any] | None:
+    """Figures of the DWA on the worlds that runs validate on; measured once, then read from a file."""
+    episodes = arguments.dwa_episodes
+    along = f'{trial.route}-' if trial.route else ''
+    file = arguments.out / f'dwa-{place.name}-{along}{episodes}.json'
     if not file.exists() and not arguments.plot_only:
-        trial, episodes = place.trial('dwa'), arguments.dwa_episodes
         if episodes < 1:
             raise EvaluationError(f'--dwa-episodes {episodes} must be at least 1')
         seeds = split_seeds('validation', 0, episodes)
@@ -132,9 +133,8 @@ def _measured_dwa(file: Path, place: Place, arguments: argparse.Namespace) -> di
         sailed = run_trial(trial, seeds, BATCH, arguments.jobs, False)
         results = list(tqdm(sailed, total=episodes, desc='DWA', unit='episode'))
         figures = summarise(results, time.perf_counter() - start_s)
-        write_json(
-            file, {'planner': 'dwa', 'place': place.name, 'split': 'validation', **figures, **provenance()}
-        )
+        measured = {'planner': 'dwa', 'place': place.name, 'route': trial.route, 'split': 'validation'}
+        write_json(file, {**measured, **figures, **provenance()})
     return json.loads(file.read_text(encoding='utf-8')) if file.exists() else None
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import yaml
 
@@ -31,11 +31,12 @@ class Place(NamedTuple):
         """As folders are named."""
         return Path(self.testbed or self.difficulty).stem
 
-    def trial(self, planner: str) -> Trial:
-        """A planner on the worlds that validation sails."""
+    def trial(self, planner: str, route: Literal['difficulty', 'clearance', 'rrt_star']) -> Trial:
+        """A planner on the worlds of a validation with that ScenarioParams.validation_route."""
         if self.testbed and TESTBEDS[self.testbed]:
             return Trial(planner, self.difficulty, scenario=TESTBEDS[self.testbed])
-        return Trial(planner, self.testbed or self.difficulty)
+        laid = None if route == 'difficulty' else route
+        return Trial(planner, self.testbed or self.difficulty, route=laid)
 
 
 class Preset(NamedTuple):

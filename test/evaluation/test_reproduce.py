@@ -110,18 +110,43 @@ def test_the_figure_shows_runs_that_have_only_begun(tmp_path, capsys):
     assert {'command', 'version', 'git_commit'} <= set(numbers)
 
 
-def test_the_dwa_is_measured_once(tmp_path):
+def measured_dwa(*words, route='difficulty'):
     parser = argparse.ArgumentParser()
     reproduce_figure.add_arguments(parser)
-    words = ['--testbed', 'one_buoy', '--dwa-episodes', '1', '--out', str(tmp_path)]
-    arguments = parser.parse_args(words)
-    file = tmp_path / 'dwa.json'
+    arguments = parser.parse_args(list(map(str, words)))
     place = reproduce_runs.place_of(arguments, None)
-    first = reproduce_figure._measured_dwa(file, place, arguments)
+    return reproduce_figure._measured_dwa(place.trial('dwa', route), place, arguments)
+
+
+def test_the_dwa_is_measured_once(tmp_path):
+    words = '--testbed', 'one_buoy', '--dwa-episodes', 1, '--out', tmp_path
+    first = measured_dwa(*words)
     assert (first['episodes'], first['split'], first['success']) == (1, 'validation', 1.0)
     assert set(reproduce_figure.AVERAGES.values()) <= set(first)
-    file.write_text(json.dumps({'episodes': 7}))
-    assert reproduce_figure._measured_dwa(file, place, arguments) == {'episodes': 7}
+    (tmp_path / 'dwa-one_buoy-1.json').write_text(json.dumps({'episodes': 7}))
+    assert measured_dwa(*words) == {'episodes': 7}
+
+
+def test_the_dwa_sails_the_paths_that_the_runs_validate_on(tmp_path, monkeypatch):
+    measured = []
+    monkeypatch.setattr(reproduce_figure, '_measured_dwa', lambda trial, *_: measured.append(trial))
+    options = ('--plot-only', '--seeds', 1, '--out', tmp_path)
+    for words in (('--preset', 'best'), ('--preset', 'paper'), ('--preset', 'best', '--testbed', 'head_on')):
+        command('figure', *words, *options)
+    assert [(trial.route, trial.scenario) for trial in measured] == [
+        ('clearance', None),
+        (None, None),
+        (None, 'slow_head_on'),
+    ]
+
+
+def test_each_route_of_the_dwa_has_its_file(tmp_path):
+    words = '--difficulty', 'paper', '--dwa-episodes', 3, '--out', tmp_path, '--plot-only'
+    (tmp_path / 'dwa-paper-3.json').write_text('{"episodes": 1}')
+    assert measured_dwa(*words) == {'episodes': 1}
+    assert measured_dwa(*words, route='clearance') is None
+    (tmp_path / 'dwa-paper-clearance-3.json').write_text('{"episodes": 2}')
+    assert measured_dwa(*words, route='clearance') == {'episodes': 2}
 
 
 def test_rows_of_the_table():

@@ -152,7 +152,7 @@ def test_a_preset_is_a_name_or_a_file(tmp_path):
     ],
 )
 def test_a_trial_sails_the_worlds_of_a_runs_validation(place, difficulty, scenario):
-    trial = place.trial('dwa')
+    trial = place.trial('dwa', 'difficulty')
     assert (trial.difficulty, trial.scenario) == (difficulty, scenario)
 
 
