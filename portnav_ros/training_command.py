@@ -62,13 +62,16 @@ def run(arguments: argparse.Namespace) -> int:
     """Train.
 
     Raises:
-        ParamError, TrainingError, ScenarioError: the options or the folder do not fit.
+        ParamError, TrainingError, ScenarioError: the options, the device or the folder do not fit.
         KeyboardInterrupt: Ctrl-C, after the run was saved.
     """
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     os.environ.setdefault('OMP_NUM_THREADS', str(arguments.threads))
     config = _resumed(arguments) if arguments.resume else _begun(arguments)
     module = importlib.import_module(f'portnav_ros.{ALGORITHMS[config.algorithm]}')
+    from portnav_ros.training.device import check_device  # torch
+
+    check_device(arguments.device)
     params = override(module.Params(), config.values, config.source)
     if config.worlds:
         params = override(params, {'scenarios': config.worlds}, 'command line')

@@ -27,7 +27,13 @@ HOMES = {
     'rclpy': ('nodes/',),
     'ompl': ('planning/',),
     'matplotlib': ('evaluation/plots',),
-    'torch': ('muzero/', 'baselines/ppo_agent', 'baselines/ppo.py', 'training/run_directory'),
+    'torch': (
+        'muzero/',
+        'baselines/ppo_agent',
+        'baselines/ppo.py',
+        'training/device',
+        'training/run_directory',
+    ),
     'stable_baselines3': ('baselines/ppo_agent', 'baselines/ppo_env'),
     'ray': ('muzero/distributed',),
 }

@@ -18,6 +18,7 @@ from portnav_ros.muzero.loop import Loop, Params
 from portnav_ros.params import override, read_yaml
 from portnav_ros.resources import config_path
 from portnav_ros.task.env import PortVectorEnv
+from portnav_ros.training.device import check_device
 from portnav_ros.training.scenarios import training_source
 
 RUN_STEPS = 5_000_000  # of the paper's longest run
@@ -35,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     """Measure and return the figures."""
+    check_device(arguments.device)
     limit_threads(arguments.threads)
     file = config_path('train', f'{arguments.preset}.yaml')
     params = override(Params(), read_yaml(file), str(file))
