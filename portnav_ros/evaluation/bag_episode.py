@@ -23,8 +23,9 @@ CHART = 'chart.geojson'  # lies beside the storage file
 # Keys of the bag's metadata; those of the first row become fields of the log, the rest stays metadata.
 SEED, SCENARIO, DIFFICULTY, PLANNER = 'seed', 'scenario', 'difficulty', 'planner'
 GOAL, GOAL_RADIUS, VESSEL, HULLS = 'goal', 'goal_radius_m', 'vessel', 'hulls'
+RENAMED = 'renamed'  # names in the bag of topics that were remapped, and their own ones
 LOST = 'lost'  # in the log's metadata: what a damaged bag lacks
-_OWN_KEYS = {SEED, SCENARIO, DIFFICULTY, PLANNER, GOAL, GOAL_RADIUS, VESSEL, HULLS}
+_OWN_KEYS = {SEED, SCENARIO, DIFFICULTY, PLANNER, GOAL, GOAL_RADIUS, VESSEL, HULLS, RENAMED}
 
 
 def read_episode(path: Path) -> EpisodeLog:
@@ -40,7 +41,8 @@ def read_episode(path: Path) -> EpisodeLog:
         BagError: no odometry or no plan in it, or its metadata or chart is missing or damaged.
     """
     bag = read_bag(path)
-    topics = {name.rsplit('/', 1)[-1]: rows for name, rows in bag.messages.items()}
+    renamed = json.loads(bag.metadata.get(RENAMED, '{}'))
+    topics = {renamed.get(name, name.rsplit('/', 1)[-1]): rows for name, rows in bag.messages.items()}
     odometry = topics.get('odom', [])
     if not odometry:
         raise BagError(f'{bag.path}: no odometry was recorded; was the vessel ever under way?')

@@ -64,7 +64,8 @@ class Recording:
     """Files messages by (stamp, topic, arrival) into a bag.
 
     The first topic keeps the time. A message that is stamped more than AHEAD_NS later than its newest
-    is filed under that newest, so that one message from another clock cannot spoil the order. A disk
+    is filed under that newest, so that one message from another clock cannot spoil the order; one that is
+    stamped earlier than its first, such as a map of no time, is filed under that first. A disk
     that refuses ends the recording, not the caller: see ``failure``. A message that repeats one of the
     same topic and stamp to the letter is left out: a sim that waits for an answer sends again.
 
@@ -92,6 +93,7 @@ class Recording:
         self._topics = topics
         self._order = StampOrder()
         self._margin_ns = margin_ns
+        self._first_ns: int | None = None
         self._newest_ns = 0
         self._checkpoint_ns = 0
         self._seen: list[tuple[int, set[bytes]]] = [(-1, set())] * len(topics)
@@ -108,15 +110,21 @@ class Recording:
         """
         stamp = stamp_ns(self._topics[topic].message_type, data)
         if topic == 0:
+            self._first_ns = stamp if self._first_ns is None else self._first_ns
             self._newest_ns = max(self._newest_ns, stamp)
-        elif stamp > self._newest_ns + AHEAD_NS:
-            stamp = self._newest_ns
+        else:
+            stamp = self._place(stamp)
         self._order.push(stamp, topic, data)
         return stamp
 
     def file(self, complete_ns: int) -> None:
-        """Write what is older than the margin before a time up to which everything is said to have come."""
-        self._file(complete_ns - self._margin_ns)
+        """Write what is older than the margin before a time up to which everything is said to have come.
+
+        The first topic may have fallen silent by then; time goes on without it.
+        """
+        if self._first_ns is not None:
+            self._newest_ns = max(self._newest_ns, complete_ns)
+            self._file(complete_ns - self._margin_ns)
 
     def close(self) -> None:
         """Write the rest and complete the bag."""
@@ -136,6 +144,14 @@ class Recording:
             except BagError as error:
                 self._fail(error)
 
+    def _place(self, stamp_ns: int) -> int:
+        """Where a message belongs by its stamp, once the first topic tells the time."""
+        if self._first_ns is None:
+            return stamp_ns
+        if stamp_ns > self._newest_ns + AHEAD_NS:
+            return self._newest_ns
+        return max(stamp_ns, self._first_ns)
+
     def _is_superfluous(self, item: Filed) -> bool:
         if self._topics[item.topic].answer and item.stamp_ns >= self._newest_ns:
             return True
@@ -148,10 +164,11 @@ class Recording:
         return repeated
 
     def _write(self, item: Filed) -> None:
-        if abs(item.stamp_ns - self._checkpoint_ns) >= CHECKPOINT_NS:
+        stamp = self._place(item.stamp_ns)
+        if abs(stamp - self._checkpoint_ns) >= CHECKPOINT_NS:
             self._bag.checkpoint()
-            self._checkpoint_ns = item.stamp_ns // CHECKPOINT_NS * CHECKPOINT_NS
-        self._bag.write(item.topic, item.stamp_ns, item.data)
+            self._checkpoint_ns = stamp // CHECKPOINT_NS * CHECKPOINT_NS
+        self._bag.write(item.topic, stamp, item.data)
         self.written += 1
 
     def _fail(self, error: BagError) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,11 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from portnav_ros.evaluation.bag_episode import CHART
+from portnav_ros.evaluation.bag_episode import CHART, RENAMED
 from portnav_ros.evaluation.bag_writer import BagError, Storage
 from portnav_ros.evaluation.recording import RecordedTopic, Recording
 from portnav_ros.nodes import status_pipe
-from portnav_ros.nodes.messages import clock_message
+from portnav_ros.nodes.messages import SECOND_NS, clock_message
 from portnav_ros.nodes.parameters import NodeParams
 from portnav_ros.nodes.runtime import Health, PortNode, run_node
 from portnav_ros.nodes.topics import TOPICS, Topic, asked_qos
@@ -43,6 +44,7 @@ ANSWERS = ('cmd_actuators', 'setpoint', 'setpoint_raw', 'navigation_state', 'saf
 # Queues are emptied in bulk, which costs a fraction of waking up for each message.
 POLL_S, LOCK_STEP_POLL_S = 0.05, 0.01
 QUEUE_DEPTH = 5000
+SILENCE_S = 5.0
 MARGIN_NS = 2_000_000_000
 LOCK_STEP_MARGIN_NS = 10_000_000_000
 
@@ -86,6 +88,7 @@ class BagRecorder(PortNode[RecorderParams]):
         regular = SLACK_NS if params.lock_step else ('odom',)
         self._slack_ns = {n: SLACK_NS[topic.name] for n, topic in enumerate(topics) if topic.name in regular}
         self._complete_ns: dict[int, int] = {}  # of each regular topic that was heard
+        self._heard_s = time.monotonic()  # when one of them was heard last
         by_name = zip(topics, self._queues, strict=True)
         self._awaited = [queue for topic, queue in by_name if topic.name in AWAITED]
         self._acknowledged_ns, self._acknowledged_s = -1, 0.0
@@ -94,8 +97,12 @@ class BagRecorder(PortNode[RecorderParams]):
 
     @property
     def _time_ns(self) -> int:
-        """Up to when nothing is missing."""
-        return min(self._complete_ns.values(), default=0)
+        """Up to when nothing is missing; where nobody waits, time goes on when the odometry falls silent."""
+        complete_ns = min(self._complete_ns.values(), default=0)
+        silent_s = time.monotonic() - self._heard_s
+        if self.params.lock_step or silent_s < SILENCE_S or not complete_ns:
+            return complete_ns
+        return complete_ns + int(silent_s * SECOND_NS)
 
     def tick(self) -> int:
         """Empty every queue once and file what is due; returns how many messages there were."""
@@ -140,10 +147,12 @@ class BagRecorder(PortNode[RecorderParams]):
 
     def _open(self, topics: list[Topic]) -> Recording:
         params, path = self.params, Path(self.params.bag)
-        rows = [_recorded(topic, queue) for topic, queue in zip(topics, self._queues, strict=True)]
+        by_topic = zip(topics, self._queues, strict=True)
+        rows = [_recorded(topic, queue, params.lock_step) for topic, queue in by_topic]
         margin_ns = LOCK_STEP_MARGIN_NS if params.lock_step else MARGIN_NS
         try:
-            recording = Recording(path, params.storage, rows, _read_metadata(params.run_file), margin_ns)
+            metadata = _read_metadata(params.run_file) | _renamed(topics, rows)
+            recording = Recording(path, params.storage, rows, metadata, margin_ns)
             if params.chart:
                 shutil.copy(params.chart, path / CHART)
         except (BagError, OSError, ValueError) as error:
@@ -176,6 +185,7 @@ class BagRecorder(PortNode[RecorderParams]):
         self.vitals.hear(self._names[number], time.monotonic(), stamp)
         if number in self._slack_ns:
             self._complete_ns[number] = stamp + self._slack_ns[number]
+            self._heard_s = time.monotonic()
 
     def _acknowledge(self, idle: bool) -> None:
         """Tell sim and bringup up to which time nothing is missing."""
@@ -190,12 +200,19 @@ class BagRecorder(PortNode[RecorderParams]):
             status_pipe.report(recorded_s=time_ns * 1e-9)
 
 
-def _recorded(topic: Topic, queue: Subscription) -> RecordedTopic:
+def _recorded(topic: Topic, queue: Subscription, lock_step: bool) -> RecordedTopic:
+    """A topic of the bag; where equal runs need not give equal bags, the last answers stay in it."""
     package = topic.type.__module__.partition('.')[0]
     message_type = f'{package}/msg/{topic.type.__name__}'
-    return RecordedTopic(
-        queue.topic_name, message_type, topic.depth, topic.latched, answer=topic.name in ANSWERS
-    )
+    answer = lock_step and topic.name in ANSWERS
+    return RecordedTopic(queue.topic_name, message_type, topic.depth, topic.latched, answer)
+
+
+def _renamed(topics: Sequence[Topic], rows: Sequence[RecordedTopic]) -> dict[str, str]:
+    """Metadata that tells the names in the bag of topics of the table that have others there."""
+    names = {row.name: topic.name for topic, row in zip(topics, rows, strict=True)}
+    renamed = {name: own for name, own in names.items() if not name.endswith(f'/{own}')}
+    return {RENAMED: json.dumps(renamed)} if renamed else {}
 
 
 def _read_metadata(file: str) -> dict[str, str]:

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from portnav_ros.charts import write_geojson
-from portnav_ros.evaluation.bag_episode import CHART, LOST, read_episode
+from portnav_ros.evaluation.bag_episode import CHART, LOST, RENAMED, read_episode
 from portnav_ros.evaluation.bag_writer import TYPES, BagError, BagWriter
 from portnav_ros.harbour import Harbour
 from portnav_ros.types import Outcome
@@ -82,9 +82,10 @@ def episode(outcome: str) -> object:
     return make(TYPE['episode'], 0, 'episode', '', '', [pair])
 
 
-def record(folder, rows, metadata=METADATA):
+def record(folder, rows, metadata=METADATA, names=None):
     bag = BagWriter(folder / 'bag', 'sqlite3', metadata)
-    numbers = {name: bag.add_topic(f'/ns/{name}', kind) for name, kind in TYPE.items()}
+    names = {name: f'/ns/{name}' for name in TYPE} | (names or {})
+    numbers = {name: bag.add_topic(names[name], kind) for name, kind in TYPE.items()}
     for time_s, name, message in rows:
         data = bytes(TYPES.serialize_cdr(message, TYPE[name]))
         bag.write(numbers[name], round(time_s * 1e9), data)
@@ -126,6 +127,16 @@ def test_rows_come_back(tmp_path):
     assert log.targets[1].pose[0] == pytest.approx([8.0, 0.0, 0.0, 4.0])
     assert log.scans is not None
     assert log.scans.ranges.shape == (2, 3)
+
+
+def test_topics_that_were_remapped_are_found(tmp_path):
+    renamed = json.dumps({'/ship/odometry': 'odom', '/lidar': 'scan'})
+    names = {'odom': '/ship/odometry', 'scan': '/lidar'}
+    record(tmp_path, rows(), METADATA | {RENAMED: renamed}, names)
+    log = read_episode(tmp_path)
+    assert log.own[3, 0] == 3.0
+    assert log.scans is not None
+    assert RENAMED not in log.metadata
 
 
 def test_facts_come_from_the_metadata_and_the_chart(tmp_path):

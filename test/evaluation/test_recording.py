@@ -93,6 +93,31 @@ def test_a_message_from_another_clock_does_not_spoil_the_order(tmp_path):
     assert [stamp for stamp, _ in bag.messages['/time']] == [0, SECOND_NS]
 
 
+def test_a_recording_begins_with_the_first_odometry(tmp_path):
+    now = 1_700_000_000
+    messages = [(1, pose(0)), (1, pose((now - 1) * SECOND_NS)), (2, status()), (0, pose(now * SECOND_NS))]
+    record(tmp_path / 'bag', [*messages, (1, pose(0)), (0, pose((now + 1) * SECOND_NS))])
+    bag = read_bag(tmp_path)
+    assert {stamp for rows in bag.messages.values() for stamp, _ in rows} == {
+        now * SECOND_NS,
+        (now + 1) * SECOND_NS,
+    }
+    assert len(bag.messages['/other']) == 3
+
+
+def test_what_comes_after_the_last_odometry_is_filed_and_keeps_its_stamp(tmp_path):
+    recording = Recording(tmp_path / 'bag', 'sqlite3', TOPICS, {}, 2 * SECOND_NS)
+    recording.push(0, pose(0))
+    for second in range(1, 61):
+        recording.push(1, pose(second * SECOND_NS))
+        recording.file(second * SECOND_NS)
+    assert recording.written == 58
+    recording.close()
+    assert [stamp for stamp, _ in read_bag(tmp_path).messages['/other']] == [
+        second * SECOND_NS for second in range(1, 61)
+    ]
+
+
 def test_a_repeated_message_is_recorded_once(tmp_path):
     messages = [(0, pose(0, 1.0)), (1, pose(0, 1.0)), (0, pose(0, 2.0)), (0, pose(0, 1.0)), (0, pose(1, 2.0))]
     record(tmp_path / 'bag', messages)

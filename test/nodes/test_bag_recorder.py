@@ -1,6 +1,7 @@
 """The recorder as a process: what is published on the topics of the table is in the bag."""
 
 import itertools
+import json
 import os
 import signal
 import subprocess
@@ -57,14 +58,23 @@ def _leave_no_process():
     STARTED.clear()
 
 
-def start(tmp_path, domain: int = 51, **parameters: object) -> subprocess.Popen:
+def start(tmp_path, domain: int = 51, remap: str = '', **parameters: object) -> subprocess.Popen:
     """Start a recorder and wait until it says that it is ready."""
+    rules = ['-r', remap] if remap else []
     values = {'bag': str(tmp_path / 'bag'), 'lock_step': True} | parameters
     file = tmp_path / 'params.yaml'
     file.write_text(yaml.safe_dump({'bag_recorder': {'ros__parameters': values}}))
     reader, writer = os.pipe()
     process = subprocess.Popen(
-        (sys.executable, '-m', 'portnav_ros.nodes.bag_recorder', '--ros-args', '--params-file', str(file)),
+        (
+            sys.executable,
+            '-m',
+            'portnav_ros.nodes.bag_recorder',
+            '--ros-args',
+            '--params-file',
+            str(file),
+            *rules,
+        ),
         env=os.environ | {'ROS_DOMAIN_ID': str(domain), STATUS_FD: str(writer)},
         pass_fds=(writer,),
         stderr=subprocess.PIPE,
@@ -127,6 +137,13 @@ def test_what_is_published_is_recorded(tmp_path, driver, number):
     assert efforts == list(range(COUNT - 1)), 'all but the answer to the last odometry'
     assert len(bag.messages['/episode']) == 1
     assert (tmp_path / 'bag' / 'chart.geojson').exists()
+
+
+def test_the_bag_tells_of_a_topic_that_was_remapped(tmp_path, driver):
+    process = start(tmp_path, driver.domain, remap='episode:=ship/voyage')
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=20.0) == 0, process.communicate()[1]
+    assert json.loads(read_bag(tmp_path).metadata['renamed']) == {'/ship/voyage': 'episode'}
 
 
 @pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])
