@@ -63,21 +63,6 @@ def test_networks_that_do_not_fit_the_observation_are_refused(trained, tmp_path,
     assert not trained
 
 
-@pytest.mark.parametrize(
-    ('keys', 'kept', 'needed'),
-    [
-        (['replay.capacity=10000', 'replay.warmup=10000'], 9984, 10000),
-        (['replay.capacity=1300', 'replay.warmup=0'], 1280, 1536),
-    ],
-)
-def test_a_replay_that_never_holds_enough_is_refused(trained, tmp_path, capsys, keys, kept, needed):
-    words = [word for key in keys for word in ('--set', key)]
-    assert cli.main(['train', *words, '--out', str(tmp_path / 'run')]) == 2
-    said = capsys.readouterr().err
-    assert re.search(rf'replay\.capacity = .* 256 environments keep {kept} .* need {needed}', said)
-    assert not trained
-
-
 def test_what_only_fits_together_is_set_together(trained, tmp_path):
     keys = ['task.observation.tracks=0', 'network.tracks=0', 'network.represent_hidden=[384, 256]']
     cli.main(['train', *(word for key in keys for word in ('--set', key)), '--out', str(tmp_path / 'run')])

@@ -59,12 +59,19 @@ class Params:
     start_from: str = ''
 
     def __post_init__(self) -> None:
-        """Refuse networks that look for what the observation does not hold, and lessons of two sizes."""
+        """Refuse networks that look for what the observation does not hold, and parts that do not fit."""
         teaching, rehearsal = self.teaching, self.rehearsal
         if teaching.steps and rehearsal.steps and teaching.actions != rehearsal.actions:
             raise ParamError(
                 f'teaching.actions = {teaching.actions}, rehearsal.actions = {rehearsal.actions}: '
                 'a run that does both needs them equal'
+            )
+        batch = self.selfplay.environments
+        kept = self.replay.rows(batch) * batch
+        if kept < self.least_held:
+            raise ParamError(
+                f'replay.capacity = {self.replay.capacity}: {batch} environments keep {kept} decisions there, '
+                f'but with replay.warmup and learner.unroll an update needs {self.least_held}; raise it'
             )
         seen, network = self.task.observation, self.network
         if network.tracks not in (0, seen.tracks):
@@ -78,6 +85,11 @@ class Params:
                 f'network.scan_shape = {network.scan_shape}, but the observation has {scans}: '
                 'the numbers of task.observation.ages and of its sectors'
             )
+
+    @property
+    def least_held(self) -> int:
+        """Decisions, of all environments together, that the replay holds before the first update."""
+        return max(self.replay.warmup, (self.learner.unroll + 1) * self.selfplay.environments)
 
     @property
     def discount(self) -> float:
@@ -174,7 +186,7 @@ class Loop:
     def updates_due(self) -> int:
         """Updates that the decisions so far call for, less those taken."""
         params, hold = self.params, self.params.task.actions.hold
-        if len(self.replay) < max(params.replay.warmup, (params.learner.unroll + 1) * self.replay.batch):
+        if len(self.replay) < params.least_held:
             return 0
         sequences = params.replay.samples_per_step * (self.steps - params.replay.warmup * hold)
         return max(int(sequences / params.learner.batch) - self.learner.updates, 0)

@@ -39,6 +39,10 @@ class ReplayParams:
         if self.precision not in ('float16', 'float32'):
             raise ParamError(f'precision = {self.precision!r} must be float16 or float32')
 
+    def rows(self, batch: int) -> int:
+        """Decisions that are kept of each of B environments."""
+        return max(self.capacity // batch, 2)
+
 
 class Segment(NamedTuple):
     """T decisions of B environments; in the ring the axes are B, T."""
@@ -76,7 +80,7 @@ class Replay:
         """Allocate all memory that it will ever take."""
         self.params = params
         self.batch = batch
-        self.rows = max(params.capacity // batch, 2)
+        self.rows = params.rows(batch)
         self.written = 0
 
         def ring(kind: str, *shape: int) -> AnyArray:
