@@ -59,28 +59,45 @@ class Params:
     start_from: str = ''
 
     def __post_init__(self) -> None:
-        """Refuse networks that look for what the observation does not hold, and parts that do not fit."""
+        """Refuse parts that do not fit each other."""
+        self._check_lessons()
+        self._check_replay()
+        self._check_networks()
+
+    def _check_lessons(self) -> None:
+        """Refuse lessons of two sizes."""
         teaching, rehearsal = self.teaching, self.rehearsal
         if teaching.steps and rehearsal.steps and teaching.actions != rehearsal.actions:
             raise ParamError(
                 f'teaching.actions = {teaching.actions}, rehearsal.actions = {rehearsal.actions}: '
                 'a run that does both needs them equal'
             )
+
+    def _check_replay(self) -> None:
+        """Refuse a replay in which there is never enough for an update."""
         batch = self.selfplay.environments
         kept = self.replay.rows(batch) * batch
         if kept < self.least_held:
             raise ParamError(
-                f'replay.capacity = {self.replay.capacity}: {batch} environments keep {kept} decisions there, '
+                f'replay.capacity = {self.replay.capacity}: {batch} environments keep {kept} decisions, '
                 f'but with replay.warmup and learner.unroll an update needs {self.least_held}; raise it'
             )
+
+    def _check_networks(self) -> None:
+        """Refuse networks that look for what the observation does not hold."""
         seen, network = self.task.observation, self.network
         if network.tracks not in (0, seen.tracks):
             raise ParamError(
                 f'network.tracks = {network.tracks}, but task.observation.tracks = {seen.tracks}: '
                 'the networks look at all of them, or with 0 at none in particular'
             )
+        if network.scan_channels and seen.layout != 'aligned':
+            raise ParamError(
+                f'network.scan_channels = {network.scan_channels}: convolutions need '
+                f'task.observation.layout = aligned, not {seen.layout}; [] is none'
+            )
         scans = len(seen.ages), seen.sectors
-        if network.scan_channels and seen.layout == 'aligned' and network.scan_shape != scans:
+        if network.scan_channels and network.scan_shape != scans:
             raise ParamError(
                 f'network.scan_shape = {network.scan_shape}, but the observation has {scans}: '
                 'the numbers of task.observation.ages and of its sectors'

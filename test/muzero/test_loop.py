@@ -22,7 +22,7 @@ def params(**parts):
 def test_a_replay_that_never_holds_enough_is_refused():
     unroll = {'learner': {'unroll': 24}}
     assert params(**unroll).least_held == 100
-    with pytest.raises(ParamError, match=r'replay\.capacity = 100: .* 4 environments keep 100 .* needs 104'):
+    with pytest.raises(ParamError, match=r'replay\.capacity = 100: 4 environments keep 100 .* needs 104'):
         params(learner={'unroll': 25})
     with pytest.raises(ParamError, match=r'replay\.capacity = 101: .* keep 100 .* needs 101'):
         params(replay={'capacity': 101, 'warmup': 101})
@@ -36,3 +36,15 @@ def test_a_replay_that_just_holds_enough_learns():
         loop.replay.append(loop.play(loop.model, 0))
     assert loop.updates_due() > 0
     loop.learner.update(loop.draw())
+
+
+def test_convolutions_need_scans_that_they_fit():
+    network = {'scan_channels': [4], 'scan_shape': [2, 12]}
+    aligned = {'layout': 'aligned', 'ages': [0, 3], 'sectors': 12}
+    assert params(network=network, task={'observation': aligned}).network.scan_channels == (4,)
+    with pytest.raises(ParamError, match=r'network\.scan_channels = \(4,\): .*layout = aligned, not stacked'):
+        params(network=network)
+    with pytest.raises(
+        ParamError, match=r'network\.scan_shape = \(2, 12\), but the observation has \(1, 12\)'
+    ):
+        params(network=network, task={'observation': aligned | {'ages': [0]}})
