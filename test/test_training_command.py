@@ -145,6 +145,14 @@ def test_a_device_that_is_not_there_leaves_no_folder(monkeypatch, capsys, tmp_pa
     assert not out.exists()
 
 
+@pytest.mark.parametrize('algorithm', training_command.ALGORITHMS)
+def test_a_mistake_leaves_no_folder(capsys, tmp_path, algorithm):
+    out = tmp_path / 'run'
+    assert cli.main(['train', '--algorithm', algorithm, '--difficulty', 'hard', '--out', str(out)]) == 2
+    assert 'hard.yaml: no such file' in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_assignment_reads_yaml():
     assert assignment('learner.learning_rate=2e-4') == {'learner': {'learning_rate': 2e-4}}
     assert assignment('network.represent_hidden=[64, 64]') == {'network': {'represent_hidden': [64, 64]}}

@@ -65,11 +65,10 @@ class Run:
     """A run under way: environments, agent, validation and files."""
 
     def __init__(self, params: Params, job: Job) -> None:
-        """Begin a run, or go on with the one in the job's folder."""
+        """Begin a run, or go on with the one in the job's folder, which is made once nothing is refused."""
         self._params, self._job = params, job
         if not job.resume:
-            config = {'algorithm': 'ppo', 'seed': job.seed, **job.provenance, **dataclasses.asdict(params)}
-            self._files = RunDirectory.create(job.out, config)
+            RunDirectory(job.out).check_free()
         self._period = params.task.actions.hold
         self._statistics = EpisodeStatistics(params.learner.environments, self._period * DECISION_S)
         source = training_source(params.scenarios, job.seed)
@@ -82,6 +81,9 @@ class Run:
         scenarios = validation_scenarios(params.scenarios)
         self._example = scenarios[0]
         self._validation = Validation(scenarios, params.task)
+        if not job.resume:
+            config = {'algorithm': 'ppo', 'seed': job.seed, **job.provenance, **dataclasses.asdict(params)}
+            self._files = RunDirectory.create(job.out, config)
         self._progress = Progress(params.schedule.steps, self.steps, 'PPO')
         self._logged = self.steps, time.monotonic()
 

@@ -53,12 +53,11 @@ class Run:
     """A loop with its files, progress bar and validation."""
 
     def __init__(self, params: Params, job: Job) -> None:
-        """Begin a run, or go on with the one in the job's folder."""
+        """Begin a run, or go on with the one in the job's folder, which is made once nothing is refused."""
         self.params, self.job = params, job
-        origin = _origin(params)
         if not job.resume:
-            config = {'algorithm': 'muzero', 'seed': job.seed, **job.provenance, **dataclasses.asdict(params)}
-            self.files = RunDirectory.create(job.out, config)
+            RunDirectory(job.out).check_free()
+        origin = _origin(params)
         self.loop = Loop(params, job.seed, job.device)
         self.checkpoints = Checkpoints(RunDirectory(job.out).checkpoint)
         self.best = {'success': -1.0, 'reward': 0.0}
@@ -71,6 +70,9 @@ class Run:
         batch = min(VALIDATION_BATCH, len(scenarios))
         count, latent = params.task.actions.count, params.network.latent
         self.search = Search(params.search.quiet(), batch, count, latent)
+        if not job.resume:
+            config = {'algorithm': 'muzero', 'seed': job.seed, **job.provenance, **dataclasses.asdict(params)}
+            self.files = RunDirectory.create(job.out, config)
         self.progress = Progress(params.schedule.steps, self.loop.steps, 'MuZero')
         self.logged = self.loop.steps, time.perf_counter(), dict(self.loop.busy_s)
 
@@ -193,7 +195,7 @@ class Run:
 
 
 def _origin(params: Params) -> Model | None:
-    """The model to begin with, refused before a folder is made."""
+    """The model to begin with."""
     if not params.start_from:
         return None
     model = load_model(Path(params.start_from))

@@ -56,12 +56,7 @@ class RunDirectory:
             TrainingError: the folder holds a run, or anything else, already.
         """
         run = cls(path)
-        if run.config.exists():
-            raise TrainingError(
-                f'{path}: holds a run already; continue it with --resume or choose another --out'
-            )
-        if path.exists() and any(path.iterdir()):
-            raise TrainingError(f'{path}: is not empty; choose another --out')
+        run.check_free()
         run.checkpoint.mkdir(parents=True)
         text = yaml.safe_dump(plain(config), sort_keys=False, allow_unicode=True)
         write_atomically(run.config, text.encode())
@@ -81,6 +76,19 @@ class RunDirectory:
         run.checkpoint.mkdir(exist_ok=True)
         run._open_events(purge_step=steps + 1)
         return run
+
+    def check_free(self) -> None:
+        """Refuse a folder in which no run can begin.
+
+        Raises:
+            TrainingError: it holds a run, or anything else, already.
+        """
+        if self.config.exists():
+            raise TrainingError(
+                f'{self.path}: holds a run already; continue it with --resume or choose another --out'
+            )
+        if self.path.exists() and any(self.path.iterdir()):
+            raise TrainingError(f'{self.path}: is not empty; choose another --out')
 
     def read_config(self) -> dict[str, Any]:
         """What the run was begun with.
