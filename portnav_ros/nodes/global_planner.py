@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import math
 import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+import shapely
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Goals, Odometry
@@ -34,6 +36,7 @@ from portnav_ros.planning.worker import PlanWorker, WorkerDiedError
 from portnav_ros.types import Array
 
 NO_PATH = np.zeros((0, 2))
+SAME_GOAL_M = 0.5
 
 
 @dataclass(frozen=True)
@@ -60,13 +63,31 @@ class GlobalPlannerParams(NodeParams):
 DEFAULTS = GlobalPlannerParams()
 
 
+class Route(NamedTuple):
+    """A path with the goals that it leads through, and how far along it each lies in m."""
+
+    path: Array  # [W, 2]
+    goals: tuple[Point, ...]
+    at_m: tuple[float, ...]
+
+    def leads_to(self, goal: Point) -> bool:
+        """Whether it ends there."""
+        return math.dist(self.path[-1], goal) <= SAME_GOAL_M
+
+    def ahead(self, place: Point) -> list[Point]:
+        """Goals that a vessel at a place has not passed yet; the last one always counts."""
+        passed_m = shapely.LineString(self.path).project(shapely.Point(place))
+        stops = zip(self.goals[:-1], self.at_m[:-1], strict=True)
+        return [goal for goal, at_m in stops if at_m > passed_m] + [self.goals[-1]]
+
+
 class Itinerary:
     """The legs of one plan, in the hands of the worker."""
 
     def __init__(self, worker: PlanWorker, points: Sequence[Point], seed: int, time_ns: int) -> None:
         self.time_ns = time_ns
         self.began_s = time.monotonic()
-        self._worker = worker
+        self._worker, self._goals = worker, tuple(points[1:])
         self._legs = [worker.submit(a, b, seed) for a, b in itertools.pairwise(points)]
 
     def when_done(self, callback: Callable[[], object]) -> None:
@@ -78,14 +99,16 @@ class Itinerary:
         for leg in self._legs:
             self._worker.cancel(leg)
 
-    def path(self) -> Array:
-        """Join the legs to one path [W, 2].
+    def route(self) -> Route:
+        """Join the legs.
 
         Raises:
-            PlanError, PlanCancelledError, WorkerDiedError: a leg has none.
+            PlanError, PlanCancelledError, WorkerDiedError: a leg has no path.
         """
-        first, *others = [leg.future.result(0.0) for leg in self._legs]
-        return np.vstack([first, *(path[1:] for path in others)])
+        legs = [leg.future.result(0.0) for leg in self._legs]
+        path = np.vstack([legs[0], *(leg[1:] for leg in legs[1:])])
+        at_m = itertools.accumulate(float(np.hypot(*np.diff(leg, axis=0).T).sum()) for leg in legs)
+        return Route(path, self._goals, tuple(at_m))
 
 
 class GlobalPlanner(PortNode[GlobalPlannerParams]):
@@ -115,7 +138,8 @@ class GlobalPlanner(PortNode[GlobalPlannerParams]):
         self._goals: list[Point] = []
         self._odometry: Odometry | None = None
         self._itinerary: Itinerary | None = None
-        self._outcome = Health(text='no goal yet')
+        self._route: Route | None = None
+        self._outcome, self._request = Health(text='no goal yet'), Health(text='none')
         self._map.publish(self._chart)
 
     def deactivate(self) -> None:
@@ -128,8 +152,13 @@ class GlobalPlanner(PortNode[GlobalPlannerParams]):
         self.worker.close()
 
     def health(self) -> Health:
-        """Report the outcome of the last plan and how often the process had to be started."""
-        values = {'process_starts': self.worker.starts, 'planning': self._itinerary is not None}
+        """Report the outcome of the last plan and request, and how often the process had to be started."""
+        values = {
+            'process_starts': self.worker.starts,
+            'planning': self._itinerary is not None,
+            'last_request': self._request.text,
+            **{f'request_{key}': value for key, value in self._request.values.items()},
+        }
         return self._outcome._replace(values={**self._outcome.values, **values})
 
     def _on_odometry(self, message: Odometry) -> None:
@@ -138,7 +167,15 @@ class GlobalPlanner(PortNode[GlobalPlannerParams]):
             self._begin(message)
 
     def _on_goal(self, message: PoseStamped) -> None:
-        self._pursue([read_pose(message)[:2]])
+        goal = read_pose(message)[:2]
+        self._pursue(self._goals_again(goal) or [goal])
+
+    def _goals_again(self, goal: Point) -> list[Point]:
+        """The goals still ahead, where the last route led to this one: it is to be planned anew."""
+        if self._route is None or self._odometry is None or not self._route.leads_to(goal):
+            return []
+        place = self._odometry.pose.pose.position
+        return self._route.ahead((place.x, place.y))
 
     def _on_goals(self, message: Goals) -> None:
         if not message.goals:
@@ -179,28 +216,28 @@ class GlobalPlanner(PortNode[GlobalPlannerParams]):
     def _publish(self, itinerary: Itinerary) -> None:
         if itinerary is self._itinerary:
             self._itinerary = None
-            self._plan.publish(path_message(self._conclude(itinerary), itinerary.time_ns))
+            self._route, self._outcome = self._conclude(itinerary)
+            path = NO_PATH if self._route is None else self._route.path
+            self._plan.publish(path_message(path, itinerary.time_ns))
+            if self._route is None:
+                self.report_health()
 
-    def _conclude(self, itinerary: Itinerary) -> Array:
-        """Return the path, or none with the reason in the diagnostics."""
+    def _conclude(self, itinerary: Itinerary) -> tuple[Route | None, Health]:
+        """Return the route, if there is one, and what is to be told of it."""
         took_s = time.monotonic() - itinerary.began_s
         try:
-            path = itinerary.path()
+            route = itinerary.route()
         except PlanError as error:
-            self._fail(error.reason, str(error))
+            return None, self._failure(error.reason, str(error))
         except WorkerDiedError as error:
-            self._fail('PLANNER_DIED', str(error))
+            return None, self._failure('PLANNER_DIED', str(error))
         except PlanCancelledError:
-            return NO_PATH
-        else:
-            self._outcome = Health(text='planned', values={'points': len(path), 'took_s': f'{took_s:.3f}'})
-            return path
-        return NO_PATH
+            return None, Health(text='cancelled')
+        return route, Health(text='planned', values={'points': len(route.path), 'took_s': f'{took_s:.3f}'})
 
-    def _fail(self, reason: str, text: str) -> None:
+    def _failure(self, reason: str, text: str) -> Health:
         self.get_logger().warning(f'no plan: {text}')
-        self._outcome = Health(DiagnosticStatus.ERROR, text, {'reason': reason})
-        self.report_health()
+        return Health(DiagnosticStatus.ERROR, text, {'reason': reason})
 
     def _on_request(self, request: GetPlan.Request, _: GetPlan.Response) -> Itinerary | None:
         if not self.active:
@@ -208,7 +245,7 @@ class GlobalPlanner(PortNode[GlobalPlannerParams]):
         try:
             ends = [read_pose(request.start)[:2], read_pose(request.goal)[:2]]
         except MessageError as error:
-            self._fail('INVALID_POSE', str(error))
+            self._note_request(self._failure('INVALID_POSE', str(error)))
             return None
         return Itinerary(self.worker, ends, self.params.seed, read_stamp(request.goal.header.stamp))
 
@@ -220,7 +257,14 @@ class GlobalPlanner(PortNode[GlobalPlannerParams]):
             itinerary.when_done(lambda: self._soon(self._respond, itinerary, header))
 
     def _respond(self, itinerary: Itinerary, header: Any) -> None:
-        self._answer(self._conclude(itinerary), itinerary.time_ns, header)
+        route, outcome = self._conclude(itinerary)
+        self._note_request(outcome)
+        self._answer(NO_PATH if route is None else route.path, itinerary.time_ns, header)
+
+    def _note_request(self, outcome: Health) -> None:
+        """Tell how a request ended, which says nothing of the plan that the vessel follows."""
+        self._request = outcome
+        self.report_health()
 
     def _answer(self, path: Array, time_ns: int, header: Any) -> None:
         response = GetPlan.Response(plan=path_message(path, time_ns))

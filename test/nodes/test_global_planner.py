@@ -1,5 +1,6 @@
 """The global planner as a process: map, plans for goals and requests, reasons for what cannot be planned."""
 
+import math
 import os
 import select
 import signal
@@ -23,6 +24,7 @@ from shapely.geometry import box
 
 from portnav_ros.charts import read_chart, write_geojson
 from portnav_ros.harbour import Harbour
+from portnav_ros.nodes.global_planner import Route
 from portnav_ros.nodes.messages import fill_odometry, new_odometry, pose_message, read_path, read_values
 from portnav_ros.nodes.status_pipe import STATUS_FD
 from portnav_ros.nodes.topics import BODY_FRAME, TOPICS, offered_qos
@@ -158,8 +160,8 @@ def bridge(planner: subprocess.Popen[bytes]) -> Iterator[Bridge]:
     context.try_shutdown()
 
 
-def has_reason(reason: str) -> Callable[[DiagnosticArray], bool]:
-    return lambda message: any(read_values(status).get('reason') == reason for status in message.status)
+def has_reason(reason: str, key: str = 'reason') -> Callable[[DiagnosticArray], bool]:
+    return lambda message: any(read_values(status).get(key) == reason for status in message.status)
 
 
 def expected_path(chart: Path, start: tuple[float, float], goal: tuple[float, float]) -> np.ndarray:
@@ -241,9 +243,46 @@ def test_requests_are_answered_and_outlive_goals(bridge: Bridge, chart: Path) ->
 def test_a_request_that_fails_has_an_empty_path_and_a_reason(
     bridge: Bridge, start: tuple[float, float], goal: tuple[float, float], reason: str
 ) -> None:
-    told = bridge.expect('diagnostics', has_reason(reason))
+    told = bridge.expect('diagnostics', has_reason(reason, 'request_reason'))
     assert not bridge.wait(bridge.request(start, goal)).plan.poses
     bridge.wait(told)
+
+
+def test_a_request_says_nothing_of_the_plan_that_is_followed(bridge: Bridge) -> None:
+    bridge.send('odom', odometry(*START))
+    planned = bridge.expect('diagnostics', lambda message: message.status[0].message == 'planned')
+    bridge.send('goal_pose', pose_message(*GOAL, 0.0, 0))
+    bridge.wait(planned)
+    told = bridge.expect('diagnostics', has_reason('GOAL_OCCUPIED', 'request_reason'))
+    bridge.request(START, LAND)
+    assert bridge.wait(told).status[0].message == 'planned'
+
+
+def test_a_route_that_is_planned_anew_keeps_the_goals_ahead(bridge: Bridge) -> None:
+    first, last = (1500.0, 500.0), (600.0, 600.0)
+    poses = [pose_message(*goal, 0.0, 0) for goal in (first, last)]
+    bridge.send('odom', odometry(*START))
+    for topic, message in (
+        ('goal_poses', Goals(header=poses[0].header, goals=poses)),
+        ('goal_pose', poses[1]),
+    ):
+        plan = bridge.expect('plan', lambda message: path_ends_at(message, last))
+        bridge.send(topic, message)
+        assert list(first) in read_path(bridge.wait(plan)).tolist()
+
+
+def test_goals_that_were_passed_are_not_ahead() -> None:
+    path = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
+    route = Route(path, ((100.0, 0.0), (100.0, 100.0), (0.0, 100.0)), (100.0, 200.0, 300.0))
+    assert route.ahead((50.0, 3.0)) == [(100.0, 0.0), (100.0, 100.0), (0.0, 100.0)]
+    assert route.ahead((97.0, 50.0)) == [(100.0, 100.0), (0.0, 100.0)]
+    assert route.ahead((0.0, 103.0)) == [(0.0, 100.0)]
+    assert route.leads_to((0.0, 100.1))
+    assert not route.leads_to((100.0, 100.0))
+
+
+def path_ends_at(message: Any, goal: tuple[float, float]) -> bool:
+    return len(message.poses) > 0 and math.dist(read_path(message)[-1], goal) < 0.5
 
 
 def test_a_pose_that_is_not_finite_is_refused_and_counted(bridge: Bridge) -> None:
