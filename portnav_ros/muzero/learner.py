@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -140,12 +141,20 @@ class Learner:
         """Begin with the weights of a model, as `arrays` gives them.
 
         Raises:
-            ValueError: they are not those of such networks.
+            ValueError: they are not those of such networks, or for other atoms.
         """
+        for name in ('value', 'reward'):
+            self._check_atoms(name, arrays)
         try:
             self.network.load_state_dict({name: torch.from_numpy(array) for name, array in arrays.items()})
         except RuntimeError as error:
             raise ValueError('the weights are those of other networks') from error
+
+    def _check_atoms(self, head: str, arrays: Mapping[str, Array32]) -> None:
+        """Refuse a head's atoms that are not ours; as a part of the weights they would take their place."""
+        theirs, ours = arrays.get(f'{head}_atoms'), self.arrays()[f'{head}_atoms']
+        if theirs is not None and (theirs.shape != ours.shape or not np.allclose(theirs, ours)):
+            raise ValueError(f'the weights are for other atoms than those of network.{head}')
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, optimiser and count of updates, for a checkpoint."""

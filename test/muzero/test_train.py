@@ -22,10 +22,12 @@ from portnav_ros.muzero.learner import LearnerParams  # noqa: E402
 from portnav_ros.muzero.loop import Loop, Params  # noqa: E402
 from portnav_ros.muzero.model_file import load_model  # noqa: E402
 from portnav_ros.muzero.networks import NetworkParams  # noqa: E402
+from portnav_ros.muzero.rehearsal import RehearsalParams  # noqa: E402
 from portnav_ros.muzero.replay import ReplayParams  # noqa: E402
 from portnav_ros.muzero.search import RULES, SearchParams  # noqa: E402
 from portnav_ros.muzero.selfplay import SelfPlayParams  # noqa: E402
 from portnav_ros.muzero.train import Run, train  # noqa: E402
+from portnav_ros.muzero.tutor import TeachingParams  # noqa: E402
 from portnav_ros.task.actions import ActionParams  # noqa: E402
 from portnav_ros.task.env import TaskParams  # noqa: E402
 from portnav_ros.training.job import Job  # noqa: E402
@@ -37,12 +39,16 @@ ITERATION = 4 * 10 * 8  # environment steps: environments, decisions, seconds
 ATOMS = AtomParams(21, -1500.0, 1500.0, 'linear')
 
 
+def network(represent=16, value=ATOMS, reward=ATOMS):
+    return NetworkParams(8, (represent,), (16,), (16,), value, reward, alive=True)
+
+
 def params(iterations=9, rule='pozero'):
     """Three iterations to a checkpoint; updates from the second iteration on."""
     return Params(
         task=TaskParams(actions=ActionParams(hold=8)),
         scenarios=ScenarioParams(testbed='one_buoy', validation_episodes=3),
-        network=NetworkParams(8, (16,), (16,), (16,), ATOMS, ATOMS, alive=True),
+        network=network(),
         search=SearchParams(simulations=4, rule=rule),
         selfplay=SelfPlayParams(environments=4, segment=10),
         replay=ReplayParams(capacity=200, warmup=40, samples_per_step=0.1),
@@ -201,6 +207,19 @@ def test_a_folder_in_use_is_refused(whole):
         train(params(), Job(whole, seed=5))
 
 
+def test_a_rehearsal_needs_a_policy_to_go_on_from(whole, tmp_path):
+    rehearsing = dataclasses.replace(params(), rehearsal=RehearsalParams(ITERATION, actions=4))
+    with pytest.raises(TrainingError, match=r'--from FILE; `portnav train --preset best`'):
+        Run(rehearsing, Job(tmp_path / 'run'))
+    assert not (tmp_path / 'run').exists()
+    with pytest.raises(TrainingError, match='no run to resume'):  # which is not asked for a policy
+        Run(rehearsing, Job(tmp_path / 'run', resume=True))
+    taught = dataclasses.replace(rehearsing, teaching=TeachingParams(ITERATION, actions=4))
+    Run(taught, Job(tmp_path / 'taught')).close()
+    begun = dataclasses.replace(rehearsing, start_from=str(whole / 'best.safetensors'))
+    Run(begun, Job(tmp_path / 'begun')).close()
+
+
 @pytest.mark.parametrize('rule', RULES)
 def test_a_validation_explores_nothing_whatever_the_rule(tmp_path, rule):
     run = Run(params(rule=rule), Job(tmp_path / 'run', seed=5))
@@ -245,7 +264,10 @@ def test_a_run_begins_with_the_weights_of_a_model(whole, tmp_path):
 @pytest.mark.parametrize(
     ('change', 'message'),
     [
-        ({'network': NetworkParams(8, (32,), (16,), (16,), ATOMS, ATOMS, alive=True)}, 'other networks'),
+        ({'network': network(represent=32)}, 'other networks'),
+        ({'network': network(value=AtomParams(21, -1500.0, 900.0))}, r'other atoms .* network\.value'),
+        ({'network': network(reward=AtomParams(21, -1500.0, 1500.0, 'h'))}, r'atoms .* network\.reward'),
+        ({'network': network(value=AtomParams(31, -1500.0, 1500.0, 'linear'))}, r'atoms .* network\.value'),
         ({'task': TaskParams(actions=ActionParams(hold=4))}, 'other observations or actions'),
         ({'start_from': 'nothing.safetensors'}, 'no such model'),
     ],
