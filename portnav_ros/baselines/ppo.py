@@ -206,7 +206,7 @@ def _part(arrays: Mapping[str, AnyArray], prefix: str) -> dict[str, AnyArray]:
 
 
 def _read_checkpoint(job: Job) -> dict[str, Any] | None:
-    """What the last checkpoint holds; None where there is none yet.
+    """What the last checkpoint holds, read without a GPU; None where there is none yet.
 
     Raises:
         TrainingError: the file is damaged.
@@ -215,7 +215,7 @@ def _read_checkpoint(job: Job) -> dict[str, Any] | None:
     if not file.exists():
         return None
     try:
-        state: dict[str, Any] = torch.load(file, weights_only=True, map_location=job.device)
+        state: dict[str, Any] = torch.load(file, weights_only=True, map_location='cpu')
     except (RuntimeError, pickle.UnpicklingError) as error:
         raise TrainingError(f'{file}: damaged ({error}); begin a new run with another --out') from error
     return state

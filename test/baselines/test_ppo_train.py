@@ -118,6 +118,11 @@ def test_a_damaged_checkpoint_is_named(finished, tmp_path):
         ppo.train(TINY, Job(tmp_path / 'run', resume=True))
 
 
+def test_a_checkpoint_is_read_without_the_device_of_its_run(finished):
+    state = ppo._read_checkpoint(Job(finished, device='cuda'))
+    assert {tensor.device.type for tensor in (state['arrays'], *state['agent']['policy'].values())} == {'cpu'}
+
+
 def test_interrupt_saves_between_updates_and_says_how_to_go_on(tmp_path, monkeypatch, capsys):
     improve = ppo.PpoAgent.improve
 
