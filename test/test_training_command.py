@@ -153,6 +153,11 @@ def test_a_mistake_leaves_no_folder(capsys, tmp_path, algorithm):
     assert not out.exists()
 
 
+def test_the_second_part_of_the_recipe_needs_the_first(capsys, tmp_path):
+    assert cli.main(['train', '--preset', 'rehearse', '--out', str(tmp_path / 'run')]) == 2
+    assert '--from FILE; `portnav train --preset best`' in capsys.readouterr().err
+
+
 def test_assignment_reads_yaml():
     assert assignment('learner.learning_rate=2e-4') == {'learner': {'learning_rate': 2e-4}}
     assert assignment('network.represent_hidden=[64, 64]') == {'network': {'represent_hidden': [64, 64]}}

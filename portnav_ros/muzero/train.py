@@ -20,8 +20,8 @@ from portnav_ros.muzero.model_file import Card, Model, load_model, save_model
 from portnav_ros.muzero.search import Search
 from portnav_ros.training.interrupt import Interrupt
 from portnav_ros.training.job import Job
-from portnav_ros.training.progress import Progress
-from portnav_ros.training.run_directory import RunDirectory
+from portnav_ros.training.progress import Progress, preparing
+from portnav_ros.training.run_directory import RunDirectory, TrainingError
 from portnav_ros.training.scenarios import validation_scenarios
 from portnav_ros.training.schedule import due
 from portnav_ros.training.validation import Validation
@@ -36,7 +36,7 @@ def train(params: Params, job: Job) -> None:
     """Learn until the schedule's steps are sailed; the best model by validation is kept.
 
     Raises:
-        TrainingError: the folder holds another run, or none to resume.
+        TrainingError: the folder holds another run, or none to resume, or a rehearsal has no policy.
         ParamError: the parameters do not fit each other.
         ScenarioError: a world cannot be made.
         KeyboardInterrupt: Ctrl-C, after a checkpoint was saved.
@@ -56,15 +56,18 @@ class Run:
         """Begin a run, or go on with the one in the job's folder, which is made once nothing is refused."""
         self.params, self.job = params, job
         if not job.resume:
+            _check_rehearsal(params)
             RunDirectory(job.out).check_free()
         origin = _origin(params)
-        self.loop = Loop(params, job.seed, job.device)
+        with preparing('training worlds') as ready:
+            self.loop = Loop(params, job.seed, job.device, ready)
         self.checkpoints = Checkpoints(RunDirectory(job.out).checkpoint)
         self.best = {'success': -1.0, 'reward': 0.0}
         self.origin = self._start(origin)
         if job.resume:
             self._restore()
-        scenarios = validation_scenarios(params.scenarios)
+        with preparing('validation worlds') as ready:
+            scenarios = validation_scenarios(params.scenarios, ready)
         self.example = scenarios[0]
         self.validation = Validation(scenarios, params.task, VALIDATION_BATCH)
         batch = min(VALIDATION_BATCH, len(scenarios))
@@ -192,6 +195,19 @@ class Run:
             with refusing(RunDirectory(self.job.out).checkpoint):
                 self.loop.restore(saved)
             self.best = saved.counters['best']
+
+
+def _check_rehearsal(params: Params) -> None:
+    """Refuse to rehearse with a policy that has learned nothing.
+
+    Raises:
+        TrainingError: nobody has taught it, and it begins with the weights of no model.
+    """
+    if params.rehearsal.steps and not params.teaching.steps and not params.start_from:
+        raise TrainingError(
+            f'rehearsal.steps = {params.rehearsal.steps} goes on from a policy, and there is none: name its '
+            'model with --from FILE; `portnav train --preset best` trains one'
+        )
 
 
 def _origin(params: Params) -> Model | None:

@@ -214,7 +214,8 @@ def test_a_rehearsal_needs_a_policy_to_go_on_from(whole, tmp_path):
     assert not (tmp_path / 'run').exists()
     with pytest.raises(TrainingError, match='no run to resume'):  # which is not asked for a policy
         Run(rehearsing, Job(tmp_path / 'run', resume=True))
-    taught = dataclasses.replace(rehearsing, teaching=TeachingParams(ITERATION, actions=4))
+    task = TaskParams(actions=ActionParams(hold=8, reference='path'))  # as the teacher needs it
+    taught = dataclasses.replace(rehearsing, task=task, teaching=TeachingParams(ITERATION, actions=4))
     Run(taught, Job(tmp_path / 'taught')).close()
     begun = dataclasses.replace(rehearsing, start_from=str(whole / 'best.safetensors'))
     Run(begun, Job(tmp_path / 'begun')).close()
