@@ -22,7 +22,7 @@ from portnav_ros.task.env import PortVectorEnv, TaskParams
 from portnav_ros.training.episode_statistics import EpisodeStatistics
 from portnav_ros.training.interrupt import Interrupt
 from portnav_ros.training.job import Job
-from portnav_ros.training.progress import Progress
+from portnav_ros.training.progress import Progress, preparing
 from portnav_ros.training.run_directory import RunDirectory, TrainingError, write_atomically
 from portnav_ros.training.scenarios import ScenarioParams, training_source, validation_scenarios
 from portnav_ros.training.schedule import ScheduleParams, due
@@ -71,14 +71,16 @@ class Run:
             RunDirectory(job.out).check_free()
         self._period = params.task.actions.hold
         self._statistics = EpisodeStatistics(params.learner.environments, self._period * DECISION_S)
-        source = training_source(params.scenarios, job.seed)
+        with preparing('training worlds') as ready:
+            source = training_source(params.scenarios, job.seed, ready)
         self._env = PortVectorEnv(params.learner.environments, seed=job.seed, source=source, task=params.task)
         adapter = PortVecEnv(self._env, params.learner.reward_scale, self._statistics.update)
         self._agent = PpoAgent(params.learner, adapter, job.seed, job.device)
         self._best = {'success': -1.0, 'reward': 0.0}
         if job.resume:
             self._restore()
-        scenarios = validation_scenarios(params.scenarios)
+        with preparing('validation worlds') as ready:
+            scenarios = validation_scenarios(params.scenarios, ready)
         self._example = scenarios[0]
         self._validation = Validation(scenarios, params.task)
         if not job.resume:

@@ -29,7 +29,7 @@ from portnav_ros.params import ParamError
 from portnav_ros.task.env import PortVectorEnv, TaskParams
 from portnav_ros.task.mirror import mirror_of
 from portnav_ros.training.running_means import RunningMeans
-from portnav_ros.training.scenarios import ScenarioParams, training_source
+from portnav_ros.training.scenarios import Ready, ScenarioParams, training_source
 from portnav_ros.training.schedule import ScheduleParams
 from portnav_ros.types import Array32
 
@@ -117,8 +117,8 @@ class Params:
 class Loop:
     """Self-play, replay and learner of one run."""
 
-    def __init__(self, params: Params, seed: int, device: str = 'cpu') -> None:
-        """Build everything from the seed."""
+    def __init__(self, params: Params, seed: int, device: str = 'cpu', ready: Ready | None = None) -> None:
+        """Build everything from the seed; `ready` is told of the worlds that are made."""
         self.params = params
         streams = np.random.SeedSequence(seed).spawn(3)
         self.rng = np.random.default_rng(streams[0])
@@ -131,7 +131,8 @@ class Loop:
         self.learner = Learner(network, params.learner, device)
         lessons = lesson_size(params.teaching, params.rehearsal)
         self.replay = Replay(params.replay, batch, task.observation.size, actions.count, lessons)
-        env = PortVectorEnv(batch, seed=seed, source=training_source(params.scenarios, seed), task=task)
+        source = training_source(params.scenarios, seed, ready)
+        env = PortVectorEnv(batch, seed=seed, source=source, task=task)
         self.selfplay = SelfPlay(
             env,
             params.selfplay,
