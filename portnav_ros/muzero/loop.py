@@ -109,6 +109,11 @@ class Params:
         return max(self.replay.warmup, (self.learner.unroll + 1) * self.selfplay.environments)
 
     @property
+    def lessons_end(self) -> int:
+        """Environment steps that are taught or rehearsed, after which a search decides."""
+        return self.teaching.steps + self.rehearsal.steps
+
+    @property
     def discount(self) -> float:
         """Discount of one decision."""
         return float(self.targets.discount**self.task.actions.hold)
@@ -156,10 +161,9 @@ class Loop:
     @property
     def mode(self) -> Mode:
         """How the next decisions are made."""
-        taught = self.params.teaching.steps
-        if self.steps < taught:
+        if self.steps < self.params.teaching.steps:
             return Mode.TAUGHT
-        return Mode.REHEARSED if self.steps < taught + self.params.rehearsal.steps else Mode.SEARCHED
+        return Mode.REHEARSED if self.steps < self.params.lessons_end else Mode.SEARCHED
 
     def start_from(self, arrays: Mapping[str, Array32]) -> None:
         """Begin with the weights of a model.

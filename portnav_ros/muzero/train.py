@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+import warnings
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -42,6 +43,7 @@ def train(params: Params, job: Job) -> None:
         KeyboardInterrupt: Ctrl-C, after a checkpoint was saved.
     """
     limit_threads(job.threads)
+    _warn_of_search(params, job.resume)
     run = Run(params, job)
     try:
         run.go_on()
@@ -195,6 +197,20 @@ class Run:
             with refusing(RunDirectory(self.job.out).checkpoint):
                 self.loop.restore(saved)
             self.best = saved.counters['best']
+
+
+def _warn_of_search(params: Params, resumed: bool) -> None:
+    """Say that a run goes over to search, as one does whose --steps go beyond its lessons."""
+    end, steps = params.lessons_end, params.schedule.steps
+    if not 0 < end < steps:
+        return
+    key = 'rehearsal.steps' if params.rehearsal.steps else 'teaching.steps'
+    last = params.rehearsal.steps or params.teaching.steps
+    warnings.warn(
+        f'{key}: lessons end at step {end} of {steps}, and from there on a search decides; to go on with '
+        f'them to the end{", begin a new run with" if resumed else ":"} --set {key}={last + steps - end}',
+        stacklevel=2,
+    )
 
 
 def _check_rehearsal(params: Params) -> None:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ torch = pytest.importorskip('torch')
 
 from portnav_ros.control.autopilot import AutopilotParams  # noqa: E402
 from portnav_ros.muzero import ModelError  # noqa: E402
+from portnav_ros.muzero import train as module  # noqa: E402
 from portnav_ros.muzero.atoms import AtomParams  # noqa: E402
 from portnav_ros.muzero.checkpoint import STATE, read_arrays, write_arrays  # noqa: E402
 from portnav_ros.muzero.learner import LearnerParams  # noqa: E402
@@ -248,6 +250,31 @@ def test_other_rules_train_too_and_speed_of_threads_does_not_matter(rule):
         loops[1].model = loops[1].export()
     assert_same(loops[0].learner.state_dict(), loops[1].learner.state_dict())
     assert loops[0].learner.updates > 0
+
+
+@pytest.mark.parametrize(
+    ('lessons', 'resume', 'words'),
+    [
+        ({'teaching': TeachingParams(ITERATION)}, False, f': --set teaching.steps={9 * ITERATION}'),
+        (
+            {'teaching': TeachingParams(ITERATION), 'rehearsal': RehearsalParams(ITERATION, actions=12)},
+            True,
+            f'new run with --set rehearsal.steps={8 * ITERATION}',
+        ),
+    ],
+)
+def test_a_run_that_outlasts_its_lessons_says_so(tmp_path, monkeypatch, lessons, resume, words):
+    monkeypatch.setattr(module, 'Run', lambda *_: SimpleNamespace(go_on=lambda: None, close=lambda: None))
+    with pytest.warns(UserWarning, match='a search decides') as said:
+        train(dataclasses.replace(params(), **lessons), Job(tmp_path, resume=resume))
+    assert str(said[0].message).endswith(words)
+
+
+@pytest.mark.parametrize('steps', [0, 9 * ITERATION, 20 * ITERATION])
+def test_a_run_of_one_kind_warns_of_nothing(tmp_path, monkeypatch, steps, recwarn):
+    monkeypatch.setattr(module, 'Run', lambda *_: SimpleNamespace(go_on=lambda: None, close=lambda: None))
+    train(dataclasses.replace(params(), teaching=TeachingParams(steps)), Job(tmp_path))
+    assert not recwarn.list
 
 
 def test_a_run_begins_with_the_weights_of_a_model(whole, tmp_path):
