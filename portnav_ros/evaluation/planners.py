@@ -12,7 +12,7 @@ from portnav_ros.baselines.dwa import DynamicWindow
 from portnav_ros.baselines.foresight import ForesightPolicy
 from portnav_ros.baselines.line_of_sight import LineOfSight
 from portnav_ros.baselines.space_time import SpaceTime
-from portnav_ros.muzero.model_file import load_model, released_model
+from portnav_ros.muzero.model_file import Model, load_model, released_model
 from portnav_ros.muzero.policy import load_policy
 from portnav_ros.sim.scenario import Scenario
 from portnav_ros.task.policy import Policy
@@ -106,15 +106,24 @@ def make_planner(name: str, scenario: Scenario, options: ModelOptions = NO_OPTIO
     return PLANNERS[name](scenario, options)
 
 
-def identify(name: str, options: ModelOptions) -> dict[str, object] | None:
+def model_of(name: str, options: ModelOptions) -> Model | None:
     """The model that a planner sails with; None for one that learns nothing.
 
     Raises:
         ModelError: there is no model.
     """
-    if name not in ALGORITHMS:
+    return load_model(options.file or released_model(ALGORITHMS[name])) if name in ALGORITHMS else None
+
+
+def identify(name: str, options: ModelOptions) -> dict[str, object] | None:
+    """What tells the model that a planner sails with from others; None for one that learns nothing.
+
+    Raises:
+        ModelError: there is no model.
+    """
+    model = model_of(name, options)
+    if model is None:
         return None
-    model = load_model(options.file or released_model(ALGORITHMS[name]))
     simulations = model.card.search.get('simulations') if options.simulations is None else options.simulations
     return {
         'file': str(model.path),

@@ -13,7 +13,14 @@ from portnav_ros.evaluation import plots
 from portnav_ros.evaluation.episode_log import EpisodeLog, ScanLog
 from portnav_ros.evaluation.episodes import sail
 from portnav_ros.evaluation.metrics.table import measure
-from portnav_ros.evaluation.planners import ALGORITHMS, PLANNERS, EvaluationError, ModelOptions, identify
+from portnav_ros.evaluation.planners import (
+    ALGORITHMS,
+    PLANNERS,
+    EvaluationError,
+    ModelOptions,
+    identify,
+    model_of,
+)
 from portnav_ros.evaluation.plots_scan import encounter_figure
 from portnav_ros.evaluation.provenance import provenance
 from portnav_ros.evaluation.report import headline
@@ -50,7 +57,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--allow-mismatch', action='store_true', help='sail another vessel than the model was trained for'
     )
-    parser.add_argument('--vessel', metavar='NAME', help="preset or file, in place of the scenarios' own")
+    parser.add_argument(
+        '--vessel',
+        metavar='NAME',
+        help="preset or file; default: the model's own, and the scenarios' where there is no model or "
+        '--allow-mismatch is given',
+    )
     parser.add_argument(
         '--encounter', default='head_on', metavar='NAME', help='scenario with vessels (default: %(default)s)'
     )
@@ -74,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     seed = split_seeds('test', arguments.seed, 1)[0]
     arguments.out.mkdir(parents=True, exist_ok=True)
     episodes: dict[str, Any] = {}
-    vessel = None if arguments.vessel is None else load_vessel(arguments.vessel)
+    vessel = _vessel(arguments, options)
     for name, subject in _subjects(arguments.encounter).items():
         trial = Trial(arguments.planner, 'paper', scenario=subject.scenario, model=options)
         log = sail_subject(trial, seed, vessel)
@@ -87,6 +99,14 @@ def run(arguments: argparse.Namespace) -> int:
     numbers = {'planner': arguments.planner, 'model': model, 'seed': seed, 'episodes': episodes}
     write_json(arguments.out / 'pictures.json', {**numbers, **provenance()})
     return 0
+
+
+def _vessel(arguments: argparse.Namespace, options: ModelOptions) -> VesselParams | None:
+    """Who sails; None for the scenarios' own."""
+    if arguments.vessel is not None:
+        return load_vessel(arguments.vessel)
+    model = None if options.allow_mismatch else model_of(arguments.planner, options)
+    return None if model is None else model.card.vessel
 
 
 def sail_subject(trial: Trial, seed: int, vessel: VesselParams | None = None) -> EpisodeLog:

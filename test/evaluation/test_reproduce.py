@@ -15,7 +15,9 @@ from portnav_ros.evaluation.reproduce_pictures import sail_subject
 from portnav_ros.evaluation.reproduce_table import reward_at, table_rows
 from portnav_ros.evaluation.training_runs import merged, read_preset
 from portnav_ros.evaluation.trial import Trial
+from portnav_ros.muzero import ModelError
 from portnav_ros.resources import config_path
+from portnav_ros.sim.difficulty import load_vessel
 from portnav_ros.training.run_directory import plain
 from portnav_ros.types import SURGE
 
@@ -283,6 +285,17 @@ def test_scans_of_an_episode_are_those_that_were_seen():
     assert len(log.scans.ranges) == len(log) > 100
     np.testing.assert_array_equal(log.scans.ranges.min(axis=1), log.range_min.astype(np.float32))
     assert np.ptp(log.own[:, SURGE]) > 1.0
+
+
+def test_pictures_show_the_vessel_that_the_model_was_trained_for(tmp_path, make_model):
+    options = ('pictures', '--planner', 'prior', '--model', make_model(vessel=load_vessel('cemt_va')))
+    assert command(*options, '--out', tmp_path) == 0
+    episodes = json.loads((tmp_path / 'pictures.json').read_text())['episodes']
+    assert {episode['vessel'] for episode in episodes.values()} == {'cemt_va'}
+    with pytest.warns(UserWarning, match='trained for vessel cemt_va, not cemt_iv'):
+        assert command(*options, '--allow-mismatch', '--out', tmp_path) == 0
+    with pytest.raises(ModelError, match='trained for vessel cemt_va, not shuttle'):
+        command(*options, '--vessel', 'shuttle', '--out', tmp_path)
 
 
 def test_pictures(tmp_path, capsys):
