@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -22,6 +23,7 @@ from portnav_ros.evaluation.trial import SPLITS, EpisodeResult, Trial, split_see
 from portnav_ros.types import Outcome
 
 RUNNERS = {'process': 'evaluation.workers', 'ros': 'nodes.evaluate_ros'}
+OUTPUTS = ('json', 'report', 'episodes_csv')
 Runner = Callable[[Trial, Sequence[int], int, int, bool], Iterator[EpisodeResult]]
 
 
@@ -75,6 +77,8 @@ def run(arguments: argparse.Namespace) -> int:
         _model_options(arguments),
     )
     rival = _rival(trial, arguments)
+    for option in OUTPUTS:
+        _check_output(option, getattr(arguments, option))
     sailed = _sail(trial, arguments)
     failure = sailed.cut_short
     if sailed.episodes:
@@ -104,6 +108,24 @@ def _rival(trial: Trial, arguments: argparse.Namespace) -> Trial | None:
     model = replace(trial.model, file=arguments.against_model or trial.model.file)
     identify(arguments.against, model)
     return replace(trial, planner=arguments.against, model=model)
+
+
+def _check_output(option: str, file: Path | None) -> None:
+    """Refuse a file that cannot be written, while there are no figures to lose.
+
+    Raises:
+        EvaluationError: names the option and the mend.
+    """
+    if file is None:
+        return
+    name = f'--{option.replace("_", "-")} {file}'
+    folder = next(parent for parent in file.absolute().parents if parent.exists())
+    if file.is_dir():
+        raise EvaluationError(f'{name}: is a folder; name a file in it')
+    if not folder.is_dir():
+        raise EvaluationError(f'{name}: {folder} is no folder; name another file')
+    if not os.access(file if file.exists() else folder, os.W_OK):
+        raise EvaluationError(f'{name}: may not be written; name another file')
 
 
 def _publish(

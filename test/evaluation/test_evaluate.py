@@ -180,6 +180,32 @@ def test_models_are_looked_for_before_anything_is_sailed(monkeypatch, tmp_path):
         evaluate.run(arguments(words))
 
 
+@pytest.mark.parametrize('option', ['--json', '--report', '--episodes-csv'])
+@pytest.mark.parametrize(
+    ('file', 'reason'),
+    [
+        ('folder', 'is a folder; name a file in it'),
+        ('file/below', '/file is no folder'),
+        ('locked', 'may not be written'),
+        ('shut/new/file', 'may not be written'),
+    ],
+)
+def test_what_cannot_be_written_is_refused_before_anything_is_sailed(
+    monkeypatch, tmp_path, option, file, reason
+):
+    monkeypatch.setattr(workers, 'run_trial', lambda *_: pytest.fail('sailed'))
+    closed = (tmp_path / 'locked', tmp_path / 'shut')
+    monkeypatch.setattr(evaluate.os, 'access', lambda path, _: path not in closed)  # root may write anywhere
+    for folder in ('folder', 'shut'):
+        (tmp_path / folder).mkdir()
+    for name in ('file', 'locked'):
+        (tmp_path / name).touch()
+    with pytest.raises(EvaluationError, match=f'^{option} .*{reason}'):
+        evaluate.run(arguments(f'--planner dwa --episodes 1 {option} {tmp_path / file}'))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['file', 'folder', 'locked', 'shut']
+    assert not list((tmp_path / 'shut').iterdir())
+
+
 def test_ppo_sails_by_its_model(make_ppo_model, tmp_path):
     figures = tmp_path / 'figures.json'
     file = make_ppo_model(vessel=load_vessel('cemt_iv'))
