@@ -24,6 +24,7 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from portnav_ros.params import ParamError
 from portnav_ros.sim.generator import ScenarioPool, load_difficulty
 from portnav_ros.sim.scenario import Scenario, ScenarioError
 from portnav_ros.sim.world import World
@@ -56,7 +57,7 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
         route: Literal['clearance', 'rrt_star'] = 'clearance',
         source: ScenarioSource | None = None,
         task: TaskParams | None = None,
-        autoreset_mode: AutoresetMode = AutoresetMode.SAME_STEP,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
     ) -> None:
         """Prepare the ports.
 
@@ -69,9 +70,13 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
             source: draws scenarios in place of the pool; all must share vessel and sensor.
             task: observation, actions and reward.
             autoreset_mode: SAME_STEP, or DISABLED, where an ended vessel stands still until
-                ``reset(options={'reset_mask': ...})``.
+                ``reset(options={'reset_mask': ...})``; or the value of one of them.
+
+        Raises:
+            ParamError: another mode.
+            ScenarioError: a scenario cannot be made.
         """
-        self.metadata = {'autoreset_mode': autoreset_mode, 'render_modes': []}
+        self.metadata = {'autoreset_mode': _autoreset(autoreset_mode), 'render_modes': []}
         self.num_envs = num_envs
         self.task = task or TaskParams()
         self._table = self.task.actions.table()
@@ -106,9 +111,9 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
 
         Slot b is seeded with ``seed + b``, or by its entry of a list.
         """
-        if isinstance(seed, int):
-            seed = [seed + b for b in range(self.num_envs)]
-        for b, value in enumerate(seed or ()):
+        if isinstance(seed, (int, np.integer)):
+            seed = [int(seed) + b for b in range(self.num_envs)]
+        for b, value in enumerate(() if seed is None else seed):
             if value is not None:
                 self._generators[b] = np.random.default_rng(value)
         everyone = np.ones(self.num_envs, dtype=bool)
@@ -209,6 +214,13 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
             'errors': self._observer.errors.copy(),
             'reward_terms': terms,
         }
+
+
+def _autoreset(mode: AutoresetMode | str) -> AutoresetMode:
+    for known in (AutoresetMode.SAME_STEP, AutoresetMode.DISABLED):
+        if mode in (known, known.value):
+            return known
+    raise ParamError(f'autoreset_mode = {mode!r} must be AutoresetMode.SAME_STEP or AutoresetMode.DISABLED')
 
 
 def _pool(difficulty: str, ports: int, seed: int, route: Literal['clearance', 'rrt_star']) -> ScenarioPool:

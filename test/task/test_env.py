@@ -9,6 +9,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
 import portnav_ros.task.env
+from portnav_ros.params import ParamError
 from portnav_ros.sim.scenario import ScenarioError
 from portnav_ros.sim.scenario_files import load_scenario
 from portnav_ros.task.actions import ActionParams
@@ -137,6 +138,28 @@ def test_without_autoreset_an_ended_vessel_waits_for_its_mask():
     env.reset(options={'reset_mask': ended})
     assert (env.world.outcome == Outcome.RUNNING).all()
     np.testing.assert_array_equal(env.world.own[~ended], before[~ended])
+
+
+@pytest.mark.parametrize('mode', [AutoresetMode.SAME_STEP, AutoresetMode.DISABLED])
+def test_a_mode_may_be_given_by_its_value(mode):
+    env = vector(1, autoreset_mode=mode.value)
+    assert env.metadata['autoreset_mode'] is mode
+    *_, infos = run_until_an_end(env)
+    assert ('final_obs' in infos) == (mode is AutoresetMode.SAME_STEP)
+
+
+@pytest.mark.parametrize('mode', [AutoresetMode.NEXT_STEP, 'NextStep', 'never', None])
+def test_a_mode_that_does_not_exist_here_is_refused(mode):
+    with pytest.raises(ParamError, match=r'autoreset_mode = .* must be AutoresetMode\.SAME_STEP'):
+        vector(1, autoreset_mode=mode)
+
+
+def test_a_seed_may_be_an_integer_of_numpy():
+    env = vector()
+    expected, _ = env.reset(seed=3)
+    for seed in (np.int64(3), np.array([3, 4, 5]), [3, np.int32(4), 5]):
+        features, _ = env.reset(seed=seed)
+        np.testing.assert_array_equal(features, expected)
 
 
 def test_an_action_out_of_range_is_refused():
