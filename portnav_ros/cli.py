@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 import warnings
 from collections.abc import Sequence
@@ -82,6 +83,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run(name: str, arguments: Sequence[str]) -> int:
     command = COMMANDS[name]
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # read as numpy loads; all products here are small
     module = importlib.import_module(f'portnav_ros.{command.module}')
     parser = argparse.ArgumentParser(prog=f'portnav {name}', description=command.help)
     module.add_arguments(parser)

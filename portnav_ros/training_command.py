@@ -1,7 +1,7 @@
 """`portnav train`: a learning algorithm on random ports or a test bed, in a folder of its own.
 
-The algorithm's module is imported only after the number of BLAS threads is set: self-play multiplies
-small matrices, which several threads make slower.
+The algorithm's module is imported only after the number of torch's threads is set. BLAS has one thread
+(cli.py): self-play multiplies small matrices, which several make slower.
 """
 
 from __future__ import annotations
@@ -65,7 +65,6 @@ def run(arguments: argparse.Namespace) -> int:
         ParamError, TrainingError, ScenarioError: the options, the device or the folder do not fit.
         KeyboardInterrupt: Ctrl-C, after the run was saved.
     """
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     os.environ.setdefault('OMP_NUM_THREADS', str(arguments.threads))
     config = _resumed(arguments) if arguments.resume else _begun(arguments)
     module = importlib.import_module(f'portnav_ros.{ALGORITHMS[config.algorithm]}')

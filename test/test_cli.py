@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 import types
@@ -34,6 +35,30 @@ def test_help_lists_every_command(capsys):
     assert ending.value.code == 0
     text = capsys.readouterr().out
     assert all(f'  {name} ' in text for name in cli.COMMANDS)
+
+
+FIRST_NUMPY = """
+import os, sys
+from portnav_ros import cli
+
+class Watch:
+    def find_spec(self, name, *_):
+        if name == 'numpy':
+            print('BLAS has', os.environ.get('OPENBLAS_NUM_THREADS'))
+
+assert 'numpy' not in sys.modules
+sys.meta_path.insert(0, Watch())
+cli.main(['{command}', '--help'])
+"""
+
+
+@pytest.mark.parametrize('command', ['train', 'benchmark'])
+@pytest.mark.parametrize(('asked', 'threads'), [({}, 1), ({'OPENBLAS_NUM_THREADS': '3'}, 3)])
+def test_blas_has_one_thread_unless_asked(command, asked, threads):
+    others = {name: value for name, value in os.environ.items() if not name.endswith('_NUM_THREADS')}
+    script = FIRST_NUMPY.format(command=command)
+    done = subprocess.run([sys.executable, '-c', script], env=others | asked, capture_output=True, text=True)
+    assert f'BLAS has {threads}\n' in done.stdout, done.stderr
 
 
 def test_version(capsys):
