@@ -38,7 +38,7 @@ COMMANDS = {
         'evaluation.reproduce', "make the paper's figure, table and pictures, and an ablation"
     ),
     'report': Command('evaluation.report', 'write the report of a recorded bag'),
-    'benchmark': Command('evaluation.benchmark', 'measure the speed of world, graph and planner'),
+    'benchmark': Command('evaluation.benchmark', 'measure speed, and survive faults and bringups'),
     'check-driver': Command(
         'nodes.check_driver', 'check the driver of a vessel, or the sim, against the contract'
     ),

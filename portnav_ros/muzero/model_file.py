@@ -43,8 +43,8 @@ class Card:
 
     task, vessel, lidar: what it was trained on. discount: of one decision. network: sizes of its layers.
     search: parameters of the search at run time, empty for a model that does not search. training:
-    difficulty, steps, seed, hash of the training configuration. evaluation: split, episodes, success with
-    its interval, command. version, git_commit: of the code that trained it.
+    how it came about: scenarios, steps, seed, the model it began with, command. evaluation: split, episodes,
+    success with its interval, other endings. version, git_commit: of the code that trained it.
     """
 
     algorithm: Literal['muzero', 'ppo']

@@ -251,7 +251,7 @@ def options_from(
 
 
 def default_folder(seed: int) -> Path:
-    """Folder of a run that was given none: portnav_out/DATE-SEED."""
+    """Folder of a run that was given none: portnav_out/DATE-TIME-SEED."""
     return Path('portnav_out') / f'{time.strftime("%Y%m%d-%H%M%S")}-{seed}'
 
 
