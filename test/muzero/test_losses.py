@@ -101,29 +101,35 @@ def test_gradient_is_halved_on_the_way_back():
     assert x.grad.item() == 0.25
 
 
+def loss_of(name, net, given):
+    """A term of what the networks say along the actions, and of the actions of the lessons."""
+    return TERMS[name](net, unroll(net, given.features, given.action, given.lesson[:, 0]), given)
+
+
 @pytest.mark.parametrize('name', TERMS)
 def test_rows_do_not_touch_each_other(name):
     net, given = network(), batch(count=3)
-    whole = TERMS[name](net, unroll(net, given.features, given.action), given)
-    rows = [Batch(*(item[i : i + 1] for item in given)) for i in range(3)]
-    apart = [TERMS[name](net, unroll(net, row.features, row.action), row) for row in rows]
-    torch.testing.assert_close(whole, torch.stack(apart).mean())
+    apart = [loss_of(name, net, Batch(*(item[i : i + 1] for item in given))) for i in range(3)]
+    assert min(apart) > 0.0
+    torch.testing.assert_close(loss_of(name, net, given), torch.stack(apart).mean())
 
 
 @pytest.mark.parametrize('name', TERMS)
 def test_masked_positions_teach_nothing(name):
     net, given = network(), batch()
-    mask = torch.tensor([1.0, 1.0, 0.0, 0.0]).expand(4, 4)
+    mask = torch.tensor([[0.0] * 4, [1.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [1.0] * 4])
     masked = given._replace(live=mask, trained=mask)
     other = masked._replace(
         reward=masked.reward + 500.0 * (1.0 - mask[:, :-1]),
         value=masked.value - 500.0 * (1.0 - mask),
         policy=torch.where(mask[..., None] > 0, masked.policy, 1.0 / ACTIONS),
         going_on=torch.where(mask[:, :-1] > 0, masked.going_on, 0.0),
-        regret=masked.regret + 70.0 * (1.0 - mask[..., None]),
+        regret=masked.regret * (2.0 - mask[..., None]),
     )
-    said = unroll(net, given.features, given.action)
-    assert TERMS[name](net, said, masked).item() == TERMS[name](net, said, other).item()
+    assert loss_of(name, net, masked).item() == loss_of(name, net, other).item() > 0.0
+    everywhere = masked._replace(live=torch.ones(4, 4), trained=torch.ones(4, 4))
+    changed = other._replace(live=torch.ones(4, 4), trained=torch.ones(4, 4))
+    assert loss_of(name, net, everywhere).item() != loss_of(name, net, changed).item()
 
 
 def test_uniform_policy_costs_the_logarithm_of_the_actions():
