@@ -1,6 +1,7 @@
 """Rehearsed self-play: who rehearses, what is tried, and what it would have earned."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from portnav_ros.task.actions import ActionParams
 from portnav_ros.task.env import PortVectorEnv
 from portnav_ros.task.observation import ObservationParams
 from portnav_ros.task.params import TaskParams
+from portnav_ros.types import Outcome
 
 GRID = ActionParams(tuple(math.radians(a) for a in (-45.0, -20.0, 0.0, 20.0, 45.0)), (1.0, 5.0), 'path', 4)
 TASK = TaskParams(ObservationParams(layout='aligned', ages=(0, 2), sectors=12, tracks=3), GRID)
@@ -41,9 +43,9 @@ def networks(seed=0):
     return numpy_model(arrays, 2, DISCOUNT)
 
 
-def sailing(decisions=0, action=5):
+def sailing(decisions=0, action=5, draw=source):
     """Vessels on their way, and what they see."""
-    env = PortVectorEnv(BATCH, source=source, task=TASK)
+    env = PortVectorEnv(BATCH, source=draw, task=TASK)
     features, _ = env.reset(seed=3)
     for _ in range(decisions):
         features, *_ = env.step(np.full(BATCH, action))
@@ -81,6 +83,21 @@ def test_an_action_earns_what_comes_of_it(before, decisions):
     earned = Rollouts(env, 3, params, DISCOUNT).earned(model, vessels, actions)
     for n, k in np.ndindex(3, 2):
         expected = sailed_on(env, vessels[n], actions[n, k], model, decisions)
+        assert earned[n, k] == pytest.approx(expected, rel=1e-4, abs=1e-2)
+
+
+def test_time_that_runs_out_in_a_rehearsal_ends_it_with_what_the_network_thinks():
+    """After six decisions of forty."""
+    env, _ = sailing(20, 0, lambda rng: replace(source(rng), time_limit_s=104.0))
+    model, vessels = networks(), np.arange(BATCH)
+    actions = np.tile(np.array([[5, 0]]), (BATCH, 1))
+    params = RehearsalParams(actions=2, decisions=40)
+    rollouts = Rollouts(env, BATCH, params, DISCOUNT)
+    earned = rollouts.earned(model, vessels, actions)
+    outcome = rollouts._copies.world.outcome
+    assert (outcome == Outcome.TIMEOUT).sum() > BATCH  # of the copies, two to a vessel
+    for n, k in np.ndindex(BATCH, 2):
+        expected = sailed_on(env, vessels[n], actions[n, k], model, 40)
         assert earned[n, k] == pytest.approx(expected, rel=1e-4, abs=1e-2)
 
 
