@@ -74,7 +74,7 @@ def new_buffers(weights: Weights, batch: int) -> Buffers:
     return Buffers(dynamics, outs[0], predict, outs[1], np.zeros(batch, np.int32))
 
 
-@njit(cache=True, error_model='numpy')
+@njit(cache=True, error_model='numpy', nogil=True)
 def run_step(
     weights: Weights, buffers: Buffers, discount: np.float32, latent: Array32, action: AnyArray, step: Step
 ) -> None:
@@ -101,7 +101,7 @@ def run_step(
     run_predict(weights, buffers, step)
 
 
-@njit(cache=True, error_model='numpy')
+@njit(cache=True, error_model='numpy', nogil=True)
 def run_predict(weights: Weights, buffers: Buffers, step: Step) -> None:
     """Fill in the logits and the value of a step whose latents are known."""
     hidden = step.latent
@@ -119,7 +119,7 @@ def run_predict(weights: Weights, buffers: Buffers, step: Step) -> None:
         step.value[b] = expectation(out[b], actions, weights.value_atoms)
 
 
-@njit(cache=True, error_model='numpy')
+@njit(cache=True, error_model='numpy', nogil=True)
 def run_layer(values: Array32, layer: Layer, rows: AnyArray, out: Array32) -> None:
     """Write relu(norm(values @ weight + bias[rows])) to out [B, outputs]."""
     np.dot(values, layer.weight, out)
