@@ -1,4 +1,4 @@
-"""What a figure is worth: intervals of a share over episodes, spread and paired difference over seeds."""
+"""What a figure is worth: paired differences over episodes and over seeds, and their intervals."""
 
 from __future__ import annotations
 
@@ -9,19 +9,6 @@ import numpy as np
 from scipy.stats import binomtest, norm, t
 
 from portnav_ros.types import Array, BoolArray
-
-
-def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Wilson's score interval of a share (Wilson 1927); (0, 1) without trials."""
-    if trials == 0:
-        return 0.0, 1.0
-    z = _z(confidence)
-    share, spread = successes / trials, z * z / trials
-    centre = (share + 0.5 * spread) / (1.0 + spread)
-    half = z * math.sqrt(share * (1.0 - share) / trials + 0.25 * spread / trials) / (1.0 + spread)
-    low = 0.0 if successes == 0 else centre - half
-    high = 1.0 if successes == trials else centre + half
-    return low, high
 
 
 class PairedDifference(NamedTuple):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from scipy.stats import norm
 
 from portnav_ros.types import AnyArray, Array, BoolArray, IntArray, Outcome
 
@@ -90,3 +92,16 @@ def summarise(outcome: IntArray, means: Array) -> dict[str, float | None]:
     """
     rates = [float(np.mean(outcome == value)) for value in RATES.values()]
     return dict(zip((*RATES, *MEANS), (*rates, *map(float, means.mean(axis=0))), strict=True))
+
+
+def wilson_interval(successes: int, trials: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Wilson's score interval of a share (Wilson 1927); (0, 1) without trials."""
+    if trials == 0:
+        return 0.0, 1.0
+    z = float(norm.ppf(0.5 + 0.5 * confidence))
+    share, spread = successes / trials, z * z / trials
+    centre = (share + 0.5 * spread) / (1.0 + spread)
+    half = z * math.sqrt(share * (1.0 - share) / trials + 0.25 * spread / trials) / (1.0 + spread)
+    low = 0.0 if successes == 0 else centre - half
+    high = 1.0 if successes == trials else centre + half
+    return low, high

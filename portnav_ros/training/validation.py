@@ -6,13 +6,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import binomtest
 
 from portnav_ros.sim.scenario import Scenario
 from portnav_ros.sim.world import DECISION_S
 from portnav_ros.task.env import PortVectorEnv, TaskParams
-from portnav_ros.training.episode_statistics import MEANS, summarise
-from portnav_ros.types import Array32, IntArray
+from portnav_ros.training.episode_statistics import MEANS, summarise, wilson_interval
+from portnav_ros.types import Array32, IntArray, Outcome
 
 Act = Callable[[Array32], IntArray]
 
@@ -27,26 +26,20 @@ class Validation:
         self._decision_s = task.actions.hold * DECISION_S
         self._env = PortVectorEnv(min(batch, len(scenarios)), source=self._take, task=task)
 
-    def run(self, act: Act, greedy: bool = True) -> dict[str, Any]:
+    def run(self, act: Act) -> dict[str, Any]:
         """Sail every scenario once.
 
         Args:
-            act: actions [B] for features [B, F].
-            greedy: whether `act` draws nothing; noted in the result.
+            act: actions [B] for features [B, F]; draws nothing.
 
         Returns:
             episodes, success with its Wilson 95 % ``interval``, rates by outcome, mean return
-            (``reward``), length in s and errors (m, m, rad), and ``greedy``.
+            (``reward``), length in s and errors (m, m, rad).
         """
         outcomes, means = self._sail(act)
-        won = int(np.sum(outcomes == 1))
-        interval = binomtest(won, len(outcomes)).proportion_ci(method='wilson')
-        return {
-            'episodes': len(outcomes),
-            **summarise(outcomes, means),
-            'interval': [float(interval.low), float(interval.high)],
-            'greedy': greedy,
-        }
+        won = int(np.sum(outcomes == Outcome.SUCCESS))
+        interval = wilson_interval(won, len(outcomes))
+        return {'episodes': len(outcomes), **summarise(outcomes, means), 'interval': list(interval)}
 
     def _sail(self, act: Act) -> tuple[IntArray, np.ndarray[Any, Any]]:
         """Outcomes [N] and means [N, 5] in the order of the scenarios."""

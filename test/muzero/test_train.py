@@ -170,7 +170,7 @@ def test_metrics_tell_what_a_figure_needs(whole):
     validations = [line for line in lines if 'validation' in line]
     assert [line['steps'] for line in validations] == [ITERATION * k for k in (3, 6, 9)]
     assert validations[-1]['validation']['episodes'] == 3
-    assert {'success', 'interval', 'greedy', 'prior'} <= validations[-1]['validation'].keys()
+    assert {'success', 'interval', 'prior'} <= validations[-1]['validation'].keys()
 
 
 def test_updates_keep_to_the_rate(whole):

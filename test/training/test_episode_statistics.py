@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from portnav_ros.training.episode_statistics import EpisodeStatistics
+from portnav_ros.training.episode_statistics import EpisodeStatistics, wilson_interval
 from portnav_ros.training.schedule import due
 from portnav_ros.types import Outcome
 
@@ -63,3 +63,29 @@ def test_due_at_each_multiple_once():
     pairs = itertools.pairwise([0, 90, 180, 300, 301, 600])
     assert [due(a, b, 100) for a, b in pairs] == [False, True, True, False, True]
     assert not due(0, 1000, 0)
+
+
+def test_wilson_of_the_papers_figures():
+    assert wilson_interval(55, 100) == pytest.approx((0.4524, 0.6439), abs=5e-4)
+    assert wilson_interval(70, 100) == pytest.approx((0.6042, 0.7811), abs=5e-4)
+
+
+def test_wilson_at_the_ends():
+    low, high = wilson_interval(0, 10)
+    assert (low, high) == (0.0, pytest.approx(0.2775, abs=1e-4))
+    low, high = wilson_interval(10, 10)
+    assert (low, high) == (pytest.approx(0.7225, abs=1e-4), 1.0)
+    assert wilson_interval(0, 0) == (0.0, 1.0)
+
+
+def test_wilson_mirrors_and_narrows():
+    low, high = wilson_interval(300, 1000)
+    other_low, other_high = wilson_interval(700, 1000)
+    assert (low, high) == (pytest.approx(1.0 - other_high), pytest.approx(1.0 - other_low))
+    assert high - low < wilson_interval(30, 100)[1] - wilson_interval(30, 100)[0]
+
+
+def test_wilson_covers_the_truth_about_as_often_as_it_says():
+    draws = np.random.default_rng(1).binomial(60, 0.55, 2000)
+    covered = [low <= 0.55 <= high for low, high in (wilson_interval(int(k), 60) for k in draws)]
+    assert 0.93 < np.mean(covered) < 0.97

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 
-from portnav_ros.evaluation.statistics import wilson_interval
+from portnav_ros.training.episode_statistics import wilson_interval
 from portnav_ros.types import Outcome
 
 ENDINGS = (
