@@ -15,7 +15,7 @@ from portnav_ros.evaluation.markdown import markdown
 from portnav_ros.evaluation.planners import EvaluationError
 from portnav_ros.evaluation.provenance import provenance
 from portnav_ros.evaluation.reproduce_runs import add_arguments as add_run_arguments
-from portnav_ros.evaluation.reproduce_runs import asked_for, place_of, refuse, sail, seeds_of
+from portnav_ros.evaluation.reproduce_runs import asked_for, check_training, place_of, refuse, sail, seeds_of
 from portnav_ros.evaluation.statistics import SeedDifference, sample, seed_difference
 from portnav_ros.evaluation.summary import write_json
 from portnav_ros.evaluation.training_runs import Place, Preset, Run, Values, checked, merged, read_preset
@@ -68,11 +68,14 @@ def run(arguments: argparse.Namespace) -> int:
 
     Raises:
         EvaluationError: options, file or folder do not fit, or a run failed; what there is was written.
+        TrainingError, ImportError: nothing can be trained here.
         KeyboardInterrupt: Ctrl-C, after all has been saved.
     """
     cells = _chosen(read_cells(arguments.cells or config_path('reproduce', 'ablation.yaml')), arguments.only)
     runs = ablation_runs(cells, read_preset(arguments.preset), arguments)
-    failed = sail([run for of_seed in zip(*runs.values(), strict=True) for run in of_seed], arguments)
+    by_seed = [run for of_seed in zip(*runs.values(), strict=True) for run in of_seed]
+    check_training(by_seed, arguments)
+    failed = sail(by_seed, arguments)
     scores = {name: _scores(of_cell, arguments.steps) for name, of_cell in runs.items()}
     rows = {name: compare(scores[name], scores[cells.reference]) for name in cells.cells}
     text = markdown(HEAD, [_line(name, row, name == cells.reference) for name, row in rows.items()])

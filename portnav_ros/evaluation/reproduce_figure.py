@@ -26,6 +26,7 @@ from portnav_ros.evaluation.provenance import provenance
 from portnav_ros.evaluation.reproduce_runs import (
     TITLES,
     add_algorithms,
+    check_training,
     paper_runs,
     place_of,
     refuse,
@@ -63,9 +64,11 @@ def run(arguments: argparse.Namespace) -> int:
 
     Raises:
         EvaluationError: the options or the folder do not fit, or a run failed; what there is was drawn.
+        TrainingError, ImportError: nothing can be trained here.
         KeyboardInterrupt: Ctrl-C, after all has been saved.
     """
     runs = paper_runs(arguments)
+    check_training(runs, arguments)
     place = place_of(arguments, Place())
     trial = place.trial('dwa', runs[0].values['scenarios'].get('validation_route', 'difficulty'))
     dwa = _measured_dwa(trial, place, arguments)

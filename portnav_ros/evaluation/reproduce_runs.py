@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -108,6 +109,22 @@ def paper_runs(arguments: argparse.Namespace) -> list[Run]:
         if arguments.only in (None, algorithm)
     ]
     return list(checked(runs))
+
+
+def check_training(runs: Sequence[Run], arguments: argparse.Namespace) -> None:
+    """Refuse at once what `portnav train` would refuse of each run later: a library or the device is missing.
+
+    Raises:
+        ImportError: names the library.
+        TrainingError: torch does not have the device.
+    """
+    missing = () if arguments.plot_only else {run.algorithm for run in runs if not run.finished()}
+    if missing:
+        from portnav_ros.training.device import check_device  # torch, which loads slowly
+
+        check_device(arguments.device)
+    if 'ppo' in missing:
+        importlib.import_module('portnav_ros.baselines.ppo')  # stable-baselines3
 
 
 def sail(runs: Sequence[Run], arguments: argparse.Namespace) -> list[str]:

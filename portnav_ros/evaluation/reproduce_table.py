@@ -11,7 +11,14 @@ import numpy as np
 from portnav_ros.evaluation.learning_curves import FIELDS, Curve, running
 from portnav_ros.evaluation.markdown import markdown
 from portnav_ros.evaluation.provenance import provenance
-from portnav_ros.evaluation.reproduce_runs import TITLES, add_algorithms, paper_runs, refuse, sail
+from portnav_ros.evaluation.reproduce_runs import (
+    TITLES,
+    add_algorithms,
+    check_training,
+    paper_runs,
+    refuse,
+    sail,
+)
 from portnav_ros.evaluation.reproduce_runs import add_arguments as add_run_arguments
 from portnav_ros.evaluation.statistics import Sample, sample
 from portnav_ros.evaluation.summary import write_json
@@ -37,9 +44,11 @@ def run(arguments: argparse.Namespace) -> int:
 
     Raises:
         EvaluationError: the options or the folder do not fit, or a run failed; what there is was written.
+        TrainingError, ImportError: nothing can be trained here.
         KeyboardInterrupt: Ctrl-C, after all has been saved.
     """
     runs = paper_runs(arguments)
+    check_training(runs, arguments)
     failed = sail(runs, arguments)
     rows = table_rows(arguments.steps, {name: _curves(name, runs) for name in _names(runs)})
     text = _text(rows, _names(runs))

@@ -2,6 +2,8 @@
 
 import argparse
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from portnav_ros.evaluation.trial import Trial
 from portnav_ros.muzero import ModelError
 from portnav_ros.resources import config_path
 from portnav_ros.sim.difficulty import load_vessel
-from portnav_ros.training.run_directory import plain
+from portnav_ros.training.run_directory import TrainingError, plain
 from portnav_ros.types import SURGE
 
 CELLS = """
@@ -27,6 +29,21 @@ all: {search: {rule: pozero}}
 cells:
   a: {}
   b: {search: {simulations: 8}}
+"""
+
+
+# Stands for `portnav` where the library of its first word is not installed.
+WITHOUT = """
+import sys
+from portnav_ros import cli
+
+class Nowhere:
+    def find_spec(self, name, path=None, target=None):
+        if name == sys.argv[1]:
+            raise ModuleNotFoundError(f'No module named {name!r}', name=name)
+
+sys.meta_path.insert(0, Nowhere())
+sys.exit(cli.main(sys.argv[2:]))
 """
 
 
@@ -278,6 +295,30 @@ def test_a_mistake_in_the_cells_is_named(tmp_path, text, words):
 def test_options_that_do_not_fit_are_refused(tmp_path, words):
     with pytest.raises(EvaluationError, match='--'):
         command(*words, '--out', tmp_path)
+
+
+@pytest.mark.parametrize('part', ['figure', 'table', 'ablation'])
+def test_a_device_that_is_not_there_is_refused_before_anything_else(tmp_path, part):
+    pytest.importorskip('torch')
+    with pytest.raises(TrainingError, match='--device nonsense'):
+        command(part, '--device', 'nonsense', '--out', tmp_path / 'out')
+    assert not (tmp_path / 'out').exists()
+
+
+@pytest.mark.parametrize('library', ['torch', 'stable_baselines3'])
+def test_a_missing_library_is_named_before_anything_else(tmp_path, library):
+    words = [sys.executable, '-c', WITHOUT, library, 'reproduce', 'figure', '--out', str(tmp_path / 'out')]
+    ended = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout) == (2, '')
+    assert ended.stderr == f"portnav: error: {library} is missing: pip install 'portnav_ros[train]'\n"
+    assert not (tmp_path / 'out').exists()
+
+
+def test_what_is_finished_needs_nothing_to_train_with(tmp_path):
+    options = ('--seeds', 1, '--steps', 100, '--out', tmp_path, '--device', 'nonsense')
+    for run in runs_of(*options):
+        leave(run, curve([100], reward=[1.0]), validation=0.5)
+    assert command('table', *options) == 0
 
 
 def test_scans_of_an_episode_are_those_that_were_seen():
