@@ -137,7 +137,7 @@ class Rollouts:
         taken = action.reshape(-1).copy()
         earned, weight = np.zeros(len(taken)), np.ones(len(taken))
         afloat = np.arange(len(taken))
-        for _ in range(self._decisions + 1):
+        for left in range(self._decisions, -1, -1):
             features, reward, terminated, truncated, _ = copies.step(taken)
             earned[afloat] += weight[afloat] * reward[afloat]
             weight[afloat] *= self._discount
@@ -145,10 +145,11 @@ class Rollouts:
             afloat = np.flatnonzero(~terminated & ~truncated)
             if not len(afloat):
                 break
-            taken[afloat] = likeliest(model, features[afloat])
-        left = np.flatnonzero(weight)
-        if len(left):
-            earned[left] += weight[left] * model.predict(model.represent(features[left]))[1]
+            if left:
+                taken[afloat] = likeliest(model, features[afloat])
+        open_end = np.flatnonzero(weight)
+        if len(open_end):
+            earned[open_end] += weight[open_end] * model.predict(model.represent(features[open_end]))[1]
         return earned.reshape(action.shape).astype(np.float32)
 
 
