@@ -52,7 +52,8 @@ def test_launch_starts_the_nodes_of_the_table(launch):
 
 
 def test_launch_writes_the_parameters_that_its_nodes_read(launch):
-    (file,) = {node['parameters'][0] for node in launch(difficulty='easy', seed='3', mode='lock_step')}
+    nodes = launch(planner='dwa', difficulty='easy', seed='3', mode='lock_step')
+    (file,) = {node['parameters'][0] for node in nodes}
     with open(file, encoding='utf-8') as stream:
         parameters = yaml.safe_load(stream)
     assert parameters['/**/sim']['ros__parameters']['seed'] == 3
@@ -60,7 +61,7 @@ def test_launch_writes_the_parameters_that_its_nodes_read(launch):
 
 
 def test_the_death_of_a_node_ends_or_restarts(launch):
-    nodes = {node['name']: node for node in launch(difficulty='easy')}
+    nodes = {node['name']: node for node in launch(planner='dwa', difficulty='easy')}
     assert nodes['sim']['on_exit'] is not None
     assert not nodes['sim']['respawn']
     assert nodes['pid_controller']['respawn']
@@ -69,7 +70,7 @@ def test_the_death_of_a_node_ends_or_restarts(launch):
 
 
 def test_a_safety_monitor_that_may_have_been_told_to_stop_is_not_started_again(launch):
-    nodes = {node['name']: node for node in launch(difficulty='easy')}
+    nodes = {node['name']: node for node in launch(planner='dwa', difficulty='easy')}
     assert not nodes['safety_monitor']['respawn']
     assert nodes['safety_monitor']['on_exit'] is not None
 
@@ -77,7 +78,7 @@ def test_a_safety_monitor_that_may_have_been_told_to_stop_is_not_started_again(l
 def test_remaps_of_the_configuration_reach_every_node(launch, tmp_path):
     config = tmp_path / 'mine.yaml'
     config.write_text('bringup: {remaps: ["odom:=ship/odometry"]}')
-    nodes = launch(difficulty='easy', config=str(config))
+    nodes = launch(planner='dwa', difficulty='easy', config=str(config))
     assert all(node['ros_arguments'] == ['-r', 'odom:=ship/odometry'] for node in nodes)
 
 

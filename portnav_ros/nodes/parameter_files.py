@@ -63,10 +63,19 @@ def is_ros(values: Mapping[Any, Any]) -> bool:
     return PARAMETERS in values or any(map(is_ros, parts))
 
 
+def flat(section: Mapping[Any, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
+    """Names with dots and their values, as ROS knows them."""
+    for key, value in section.items():
+        if isinstance(value, Mapping):
+            yield from flat(value, f'{prefix}{key}.')
+        else:
+            yield f'{prefix}{key}', value
+
+
 def _check_node(name: str, section: Mapping[Any, Any], where: str, whole: bool) -> list[str]:
     found, defaults = [], defaults_of(name)
     try:
-        given = nested(dict(_flat(section)), where)
+        given = nested(dict(flat(section)), where)
     except ParamError as error:
         return [str(error)]
     try:
@@ -103,11 +112,3 @@ def _sections(values: Mapping[Any, Any], path: str = '') -> Iterator[tuple[str, 
             yield from _sections(value, f'{path}/{str(key).strip("/")}')
         else:
             yield f'{path}/{key}', value
-
-
-def _flat(section: Mapping[Any, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
-    for key, value in section.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f'{prefix}{key}.')
-        else:
-            yield f'{prefix}{key}', value

@@ -18,16 +18,18 @@ from portnav_ros import __version__
 from portnav_ros.charts import write_geojson
 from portnav_ros.evaluation import bag_episode
 from portnav_ros.evaluation.provenance import git_commit
-from portnav_ros.muzero.model_file import file_hash, released_model
+from portnav_ros.muzero.model_file import check_sensor, check_vessel, file_hash, load_model, released_model
 from portnav_ros.nodes.graph_options import GraphOptions
-from portnav_ros.nodes.parameter_files import check_configuration
+from portnav_ros.nodes.parameter_files import check_configuration, flat
+from portnav_ros.nodes.parameters import nested
 from portnav_ros.nodes.process import Command
-from portnav_ros.nodes.table import PLANNER_SUFFIX, RECORDER, NodeSpec, OnDeath
+from portnav_ros.nodes.table import LEARNED_PLANNERS, PLANNER_SUFFIX, RECORDER, NodeSpec, OnDeath
 from portnav_ros.params import ParamError, override, read_yaml
 from portnav_ros.resources import config_path
 from portnav_ros.sim.difficulty import load_difficulty
 from portnav_ros.sim.generator import find_scenario
-from portnav_ros.sim.scenario import Scenario
+from portnav_ros.sim.scenario import LidarParams, Scenario
+from portnav_ros.vessel import VesselParams
 
 BRINGUP = 'bringup'  # key of the configuration; the others are names of nodes
 PARAMETERS, METADATA, BAG, LOG = 'params.yaml', 'run.json', 'bag', 'log'
@@ -101,20 +103,41 @@ def prepare(
 
     Raises:
         ParamError: the folder holds a recording already.
+        ModelError: a learned planner's model is missing or does not fit; nothing is written then.
     """
     if (out / BAG).exists():
         raise ParamError(f'{out}: holds a recording already; choose another folder with --out')
-    out.mkdir(parents=True, exist_ok=True)
     if options.learned:
         configuration = _merge(configuration, {options.planner + PLANNER_SUFFIX: options.learned})
+    parameters = _parameters(options, configuration, scenario, out)
+    _check_model(options, parameters)
+    out.mkdir(parents=True, exist_ok=True)
     write_geojson(scenario.harbour, out / bag_episode.CHART)
     metadata = _metadata(options, configuration, scenario)
     (out / METADATA).write_text(json.dumps(metadata, indent=1) + '\n', encoding='utf-8')
-    parameters = _parameters(options, configuration, scenario, out)
     # a wildcard, because nodes may live in a namespace
     document = {f'/**/{name}': {'ros__parameters': values} for name, values in parameters.items()}
     (out / PARAMETERS).write_text(yaml.dump(document, Dumper=_PlainDumper, sort_keys=False), encoding='utf-8')
     return tuple(_command(spec, options, out) for spec in options.nodes)
+
+
+def _check_model(options: GraphOptions, parameters: Configuration) -> None:
+    """Refuse what the learned planner's node would refuse, before any node has started."""
+    node = options.planner + PLANNER_SUFFIX
+    if options.planner not in LEARNED_PLANNERS or node not in parameters:
+        return
+    given = nested(dict(flat(parameters[node])), node)
+    model = load_model(_model_file(options.planner, given))
+    if not given.get('allow_mismatch'):
+        check_vessel(
+            model, override(VesselParams(), given['vessel'], f'{node}: vessel'), allow_mismatch=False
+        )
+    check_sensor(model, override(LidarParams(), given['lidar'], f'{node}: lidar'))
+
+
+def _model_file(planner: str, parameters: Mapping[str, Any]) -> Path:
+    """The weights of a planner: those that its parameters name, or else the released ones."""
+    return Path(parameters['model']) if parameters.get('model') else released_model(planner)
 
 
 class _PlainDumper(yaml.SafeDumper):
@@ -204,9 +227,8 @@ def _metadata(options: GraphOptions, configuration: Configuration, scenario: Sce
 
 
 def _model(options: GraphOptions, configuration: Configuration) -> dict[str, str]:
-    """SHA-256 of the planner's model; nothing for a planner that needs none, or whose node will refuse it."""
-    named = configuration.get(options.planner + PLANNER_SUFFIX, {}).get('model')
-    path = Path(named) if named else released_model(options.planner)
+    """SHA-256 of the planner's model; nothing for a planner that needs none."""
+    path = _model_file(options.planner, configuration.get(options.planner + PLANNER_SUFFIX, {}))
     return {'model_sha256': file_hash(path)} if path.is_file() else {}
 
 

@@ -2,12 +2,13 @@
 
 import hashlib
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import pytest
 import yaml
 
 from portnav_ros.charts import read_chart
+from portnav_ros.muzero import ModelError
 from portnav_ros.nodes.graph_options import GraphOptions
 from portnav_ros.nodes.preparation import (
     BAG,
@@ -21,6 +22,7 @@ from portnav_ros.nodes.preparation import (
 )
 from portnav_ros.nodes.table import LOCAL_PLANNERS, OnDeath, graph
 from portnav_ros.params import ParamError
+from portnav_ros.sim.difficulty import load_vessel
 
 EASY = GraphOptions(planner='dwa', difficulty='easy', seed=3, mode='lock_step')
 
@@ -104,12 +106,17 @@ def test_the_folder_holds_what_the_nodes_share(tmp_path, scenario):
     assert all(isinstance(value, str) for value in metadata.values())
 
 
-def test_the_metadata_names_the_weights(tmp_path, scenario, make_model):
-    file = make_model()
+@pytest.fixture(scope='module')
+def fitting(scenario, make_model):
+    """A model that was trained for the vessel of the scenario."""
+    return make_model(vessel=scenario.vessel)
+
+
+def test_the_metadata_names_the_weights(tmp_path, scenario, fitting):
     options = replace(EASY, planner='muzero')
-    prepare(options, {'muzero_planner': {'model': str(file)}}, scenario, tmp_path)
+    prepare(options, {'muzero_planner': {'model': str(fitting)}}, scenario, tmp_path)
     metadata = json.loads((tmp_path / METADATA).read_text())
-    assert metadata['model_sha256'] == hashlib.sha256(file.read_bytes()).hexdigest()
+    assert metadata['model_sha256'] == hashlib.sha256(fitting.read_bytes()).hexdigest()
 
 
 def test_a_learned_planner_sails_with_the_model_of_the_command_line(tmp_path, scenario, make_model):
@@ -122,6 +129,34 @@ def test_a_learned_planner_sails_with_the_model_of_the_command_line(tmp_path, sc
     assert given == {'model': str(file), 'simulations': 3, 'allow_mismatch': True, 'age_s': 0.4}
     metadata = json.loads((tmp_path / METADATA).read_text())
     assert metadata['model_sha256'] == hashlib.sha256(file.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize(
+    ('changes', 'reason'),
+    [
+        ({'vessel': {'turn_gain': 0.5}}, 'trained for vessel cemt_i, not cemt_i .turn_gain 0.5 instead of'),
+        ({'vessel.turn_gain': 0.5}, 'turn_gain 0.5 instead of'),
+        ({'lidar': {'rays': 90}, 'allow_mismatch': True}, 'trained with 180 rays'),
+        ({'model': 'nowhere.safetensors'}, r'nowhere\.safetensors: no such model'),
+    ],
+)
+def test_a_model_that_does_not_fit_is_refused_and_nothing_is_written(
+    tmp_path, scenario, fitting, changes, reason
+):
+    options = replace(EASY, planner='muzero')
+    configuration = {'muzero_planner': {'model': str(fitting)} | changes}
+    with pytest.raises(ModelError, match=reason):
+        prepare(options, configuration, scenario, tmp_path / 'run')
+    assert not (tmp_path / 'run').exists()
+    prepare(replace(options, without=('muzero_planner',)), configuration, scenario, tmp_path / 'run')
+
+
+def test_the_vessel_of_the_configuration_is_the_one_that_must_fit(tmp_path, scenario, make_ppo_model):
+    barge = load_vessel('cemt_va')
+    options = replace(EASY, planner='ppo', model=make_ppo_model(vessel=barge))
+    with pytest.raises(ModelError, match='trained for vessel cemt_va, not cemt_i'):
+        prepare(options, {}, scenario, tmp_path / 'run')
+    prepare(options, {'ppo_planner': {'vessel': asdict(barge)}}, scenario, tmp_path / 'run')
 
 
 def test_a_configuration_changes_one_key_of_many(tmp_path, scenario):
