@@ -90,7 +90,7 @@ def sail(
 
     Raises:
         DomainBusyError: another graph runs on this domain.
-        DomainError, ParamError, ScenarioError, ChartError: the options cannot be run.
+        DomainError, ParamError, ScenarioError, ChartError, ModelError: the options cannot be run.
     """
     lock = hold_domain(read_domain(os.environ), options.namespace)
     try:

@@ -2,6 +2,7 @@
 
 import pytest
 
+from portnav_ros import cli
 from portnav_ros.nodes import demo
 from portnav_ros.nodes.bringup import GraphResult
 from portnav_ros.nodes.supervisor import Report
@@ -32,3 +33,12 @@ def test_an_unfinished_episode_tells_where_the_bag_is(tmp_path, capsys, message)
     said = capsys.readouterr().err
     assert message in said
     assert f'portnav report {tmp_path}' in said
+
+
+def test_a_model_of_another_vessel_is_refused_before_a_node_starts(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv('XDG_RUNTIME_DIR', str(tmp_path))
+    assert cli.main(['demo', '--scenario', 'head_on', '--out', str(tmp_path / 'out')]) == 2
+    said = capsys.readouterr().err
+    assert 'trained for vessel cemt_va, not cemt_iv' in said
+    assert said.count('\n') == 1
+    assert not (tmp_path / 'out').exists()
