@@ -20,12 +20,12 @@ from portnav_ros.muzero.model_file import Card, save_model
 from portnav_ros.sim.world import DECISION_S
 from portnav_ros.task.env import PortVectorEnv, TaskParams
 from portnav_ros.training.episode_statistics import EpisodeStatistics
-from portnav_ros.training.interrupt import Interrupt
 from portnav_ros.training.job import Job
-from portnav_ros.training.progress import Progress, preparing
+from portnav_ros.training.progress import preparing
+from portnav_ros.training.run import TrainingRun
 from portnav_ros.training.run_directory import RunDirectory, TrainingError, write_atomically
 from portnav_ros.training.scenarios import ScenarioParams, training_source, validation_scenarios
-from portnav_ros.training.schedule import ScheduleParams, due
+from portnav_ros.training.schedule import ScheduleParams
 from portnav_ros.training.validation import Validation
 from portnav_ros.types import AnyArray
 
@@ -56,19 +56,20 @@ def train(params: Params, job: Job) -> None:
     torch.set_num_threads(job.threads)
     run = Run(params, job)
     try:
-        run.sail()
+        run.go_on()
     finally:
         run.close()
 
 
-class Run:
+class Run(TrainingRun):
     """A run under way: environments, agent, validation and files."""
+
+    algorithm, title = 'ppo', 'PPO'
 
     def __init__(self, params: Params, job: Job) -> None:
         """Begin a run, or go on with the one in the job's folder, which is made once nothing is refused."""
-        self._params, self._job = params, job
-        if not job.resume:
-            RunDirectory(job.out).check_free()
+        super().__init__(job, params.schedule)
+        self._params = params
         self._period = params.task.actions.hold
         self._statistics = EpisodeStatistics(params.learner.environments, self._period * DECISION_S)
         with preparing('training worlds') as ready:
@@ -76,17 +77,14 @@ class Run:
         self._env = PortVectorEnv(params.learner.environments, seed=job.seed, source=source, task=params.task)
         adapter = PortVecEnv(self._env, params.learner.reward_scale, self._statistics.update)
         self._agent = PpoAgent(params.learner, adapter, job.seed, job.device)
-        self._best = {'success': -1.0, 'reward': 0.0}
+        self._losses: Mapping[str, float] = {}
         if job.resume:
             self._restore()
         with preparing('validation worlds') as ready:
             scenarios = validation_scenarios(params.scenarios, ready)
         self._example = scenarios[0]
         self._validation = Validation(scenarios, params.task)
-        if not job.resume:
-            config = {'algorithm': 'ppo', 'seed': job.seed, **job.provenance, **dataclasses.asdict(params)}
-            self._files = RunDirectory.create(job.out, config)
-        self._progress = Progress(params.schedule.steps, self.steps, 'PPO')
+        self.begin(dataclasses.asdict(params))
         self._logged = self.steps, time.monotonic()
 
     @property
@@ -94,64 +92,41 @@ class Run:
         """Environment steps so far: decision periods of the world, over all environments."""
         return self._agent.decisions * self._period
 
-    def sail(self) -> None:
-        """Learn to the end of the schedule; Ctrl-C ends a run early, after a checkpoint."""
-        with Interrupt() as interrupt:
-            while self.steps < self._params.schedule.steps and not interrupt.asked:
-                before = self.steps
-                losses = self._agent.improve()
-                self._progress.show(self.steps, self._statistics.summary())
-                self._record(before, losses)
-        if interrupt.asked:
-            self._save()
-            self._progress.say(
-                f'saved at {self.steps} steps; go on with: portnav train --resume --out {self._job.out}'
-            )
-            raise KeyboardInterrupt
+    def learn(self) -> None:
+        """Sail a rollout in every environment, and improve on it."""
+        self._losses = self._agent.improve()
 
-    def close(self) -> None:
-        """Close files and progress bar."""
-        self._progress.close()
-        self._files.close()
+    def summary(self) -> dict[str, float | None]:
+        """Success, reward and more of the last episodes."""
+        return self._statistics.summary()
 
-    def _record(self, before: int, losses: Mapping[str, float]) -> None:
-        """Log, validate and save where it is time, in this order: a checkpoint covers the lines before it."""
-        schedule, after = self._params.schedule, self.steps
-        over = after >= schedule.steps
-        if over or due(before, after, schedule.log_every):
-            self._log(losses)
-        if over or due(before, after, schedule.validate_every):
-            self._validate()
-        if over or due(before, after, schedule.save_every):
-            self._save()
-
-    def _log(self, losses: Mapping[str, float]) -> None:
+    def log(self) -> None:
+        """Write a line of metrics."""
         steps, now_s = self.steps, time.monotonic()
-        self._files.log(
+        self.files.log(
             {
                 'steps': steps,
                 'episodes': self._statistics.episodes,
                 'decisions': self._agent.decisions,
                 'updates': self._agent.updates,
                 **self._statistics.summary(),
-                'losses': losses,
+                'losses': self._losses,
                 'steps_per_s': (steps - self._logged[0]) / (now_s - self._logged[1]),
             }
         )
         self._logged = steps, now_s
 
-    def _validate(self) -> None:
-        """Sail the validation worlds, and keep the model if none was better."""
+    def validate(self) -> dict[str, Any]:
+        """Sail the validation worlds by the likeliest actions."""
         layers = policy_layers(self._agent.tensors())
-        result = self._validation.run(lambda features: likeliest(layers, features))
-        self._files.log({'steps': self.steps, 'validation': result})
-        self._progress.say(f'{self.steps} steps: validation success {result["success"]:.1%}')
-        if (result['success'], result['reward']) > (self._best['success'], self._best['reward']):
-            self._best = {name: result[name] for name in self._best}
-            save_model(self._files.best_model, self._agent.tensors(), self._card(result))
+        return self._validation.run(lambda features: likeliest(layers, features))
+
+    def keep(self, validation: Mapping[str, Any]) -> None:
+        """Write the model."""
+        save_model(self.files.best_model, self._agent.tensors(), self._card(validation))
 
     def _card(self, validation: Mapping[str, Any]) -> Card:
-        params, job = self._params, self._job
+        params = self._params
         return Card(
             algorithm='ppo',
             task=params.task,
@@ -159,36 +134,31 @@ class Run:
             lidar=self._example.lidar,
             discount=self._agent.discount,
             network={'hidden': params.learner.hidden},
-            training={
-                **job.provenance,
-                'steps': self.steps,
-                'seed': job.seed,
-                'scenarios': dataclasses.asdict(params.scenarios),
-                'autopilot': dataclasses.asdict(self._example.autopilot),
-            },
+            training=self.facts(params.scenarios, self._example),
             evaluation={'split': 'validation', **validation},
-            git_commit=str(job.provenance.get('git_commit', 'unknown')),
+            git_commit=str(self.job.provenance.get('git_commit', 'unknown')),
         )
 
     def _restore(self) -> None:
-        state = _read_checkpoint(self._job)
+        state = _read_checkpoint(self.job)
         if state is None:
-            self._files = RunDirectory.reopen(self._job.out, -1)
+            self.files = RunDirectory.reopen(self.job.out, -1)
             return
         self._agent.load_state_dict(state['agent'])
-        self._best = state['best']
+        self.best = state['best']
         arrays = _unpack(state['arrays'])
         self._env.load_state_dict(_part(arrays, 'env_'))
         self._statistics.load_state_dict(_part(arrays, 'statistics_'))
-        self._files = RunDirectory.reopen(self._job.out, self.steps)
+        self.files = RunDirectory.reopen(self.job.out, self.steps)
 
-    def _save(self) -> None:
+    def save(self) -> None:
+        """Write a checkpoint."""
         parts = {'env_': self._env.state_dict(), 'statistics_': self._statistics.state_dict()}
         arrays = {prefix + name: array for prefix, part in parts.items() for name, array in part.items()}
-        state = {'agent': self._agent.state_dict(), 'best': self._best, 'arrays': _pack(arrays)}
+        state = {'agent': self._agent.state_dict(), 'best': self.best, 'arrays': _pack(arrays)}
         content = io.BytesIO()
         torch.save(state, content)
-        write_atomically(self._files.checkpoint / CHECKPOINT, content.getvalue())
+        write_atomically(self.files.checkpoint / CHECKPOINT, content.getvalue())
 
 
 def _pack(arrays: Mapping[str, AnyArray]) -> torch.Tensor:

@@ -19,12 +19,11 @@ from portnav_ros.muzero.learner import limit_threads
 from portnav_ros.muzero.loop import Loop, Params
 from portnav_ros.muzero.model_file import Card, Model, load_model, save_model
 from portnav_ros.muzero.search import Search
-from portnav_ros.training.interrupt import Interrupt
 from portnav_ros.training.job import Job
-from portnav_ros.training.progress import Progress, preparing
+from portnav_ros.training.progress import preparing
+from portnav_ros.training.run import TrainingRun
 from portnav_ros.training.run_directory import RunDirectory, TrainingError
 from portnav_ros.training.scenarios import validation_scenarios
-from portnav_ros.training.schedule import due
 from portnav_ros.training.validation import Validation
 from portnav_ros.types import Array32, IntArray
 
@@ -51,20 +50,21 @@ def train(params: Params, job: Job) -> None:
         run.close()
 
 
-class Run:
+class Run(TrainingRun):
     """A loop with its files, progress bar and validation."""
+
+    algorithm, title = 'muzero', 'MuZero'
 
     def __init__(self, params: Params, job: Job) -> None:
         """Begin a run, or go on with the one in the job's folder, which is made once nothing is refused."""
-        self.params, self.job = params, job
         if not job.resume:
             _check_rehearsal(params)
-            RunDirectory(job.out).check_free()
+        super().__init__(job, params.schedule)
+        self.params = params
         origin = _origin(params)
         with preparing('training worlds') as ready:
             self.loop = Loop(params, job.seed, job.device, ready)
-        self.checkpoints = Checkpoints(RunDirectory(job.out).checkpoint)
-        self.best = {'success': -1.0, 'reward': 0.0}
+        self.checkpoints = Checkpoints(self.files.checkpoint)
         self.origin = self._start(origin)
         if job.resume:
             self._restore()
@@ -75,38 +75,26 @@ class Run:
         batch = min(VALIDATION_BATCH, len(scenarios))
         count, latent = params.task.actions.count, params.network.latent
         self.search = Search(params.search.quiet(), batch, count, latent)
-        if not job.resume:
-            config = {'algorithm': 'muzero', 'seed': job.seed, **job.provenance, **dataclasses.asdict(params)}
-            self.files = RunDirectory.create(job.out, config)
-        self.progress = Progress(params.schedule.steps, self.loop.steps, 'MuZero')
+        self.begin(dataclasses.asdict(params))
         self.logged = self.loop.steps, time.perf_counter(), dict(self.loop.busy_s)
 
-    def go_on(self) -> None:
-        """Learn to the end of the schedule."""
-        loop, total = self.loop, self.params.schedule.steps
-        with Interrupt() as interrupt, ThreadPoolExecutor(1) as worker:
-            while loop.steps < total and not interrupt.asked:
-                before = loop.steps
-                loop.iterate(worker)
-                self.progress.show(loop.steps, loop.selfplay.statistics.summary())
-                self._record(before)
-        if interrupt.asked:
-            self.save()
-            self.progress.say(
-                f'saved at {loop.steps} steps; go on with: portnav train --resume --out {self.job.out}'
-            )
-            raise KeyboardInterrupt
+    @property
+    def steps(self) -> int:
+        """Environment steps so far."""
+        return self.loop.steps
 
-    def _record(self, before: int) -> None:
-        """Log, validate and save where it is time, in this order: a checkpoint covers the lines before it."""
-        schedule, after = self.params.schedule, self.loop.steps
-        over = after >= schedule.steps
-        if over or due(before, after, schedule.log_every):
-            self.log()
-        if over or due(before, after, schedule.validate_every):
-            self.validate()
-        if over or due(before, after, schedule.save_every):
-            self.save()
+    def go_on(self) -> None:
+        """Learn to the end of the schedule, with a thread beside."""
+        with ThreadPoolExecutor(1) as self.worker:
+            super().go_on()
+
+    def learn(self) -> None:
+        """Play a segment, and learn from what was played before."""
+        self.loop.iterate(self.worker)
+
+    def summary(self) -> dict[str, float | None]:
+        """Success, reward and more of the last episodes."""
+        return self.loop.selfplay.statistics.summary()
 
     def log(self) -> None:
         """Write a line of metrics."""
@@ -129,8 +117,8 @@ class Run:
         )
         self.logged = steps, now_s, dict(loop.busy_s)
 
-    def validate(self) -> None:
-        """Sail the validation worlds by the best actions; keep the model if none was better."""
+    def validate(self) -> dict[str, Any]:
+        """Sail the validation worlds by the best action of each search, and again by the policy alone."""
         rng, model = np.random.default_rng(0), self.loop.model
 
         def plan(features: Array32) -> IntArray:
@@ -140,15 +128,15 @@ class Run:
         if self.params.validate_prior:
             prior = self.validation.run(lambda features: likeliest(model, features))
             result['prior'] = {name: prior[name] for name in ('success', 'interval', 'reward')}
-        self.files.log({'steps': self.loop.steps, 'validation': result})
-        self.progress.say(f'{self.loop.steps} steps: validation success {result["success"]:.1%}')
-        if (result['success'], result['reward']) > (self.best['success'], self.best['reward']):
-            self.best = {name: result[name] for name in self.best}
-            save_model(self.files.best_model, self.loop.learner.arrays(), self.card(result))
+        return result
+
+    def keep(self, validation: Mapping[str, Any]) -> None:
+        """Write the model."""
+        save_model(self.files.best_model, self.loop.learner.arrays(), self.card(validation))
 
     def card(self, validation: Mapping[str, Any]) -> Card:
         """What the model is."""
-        params, job = self.params, self.job
+        params = self.params
         return Card(
             algorithm='muzero',
             task=params.task,
@@ -157,16 +145,9 @@ class Run:
             discount=params.discount,
             network=dataclasses.asdict(params.network),
             search=dataclasses.asdict(params.search),
-            training={
-                **job.provenance,
-                'steps': self.loop.steps,
-                'seed': job.seed,
-                'scenarios': dataclasses.asdict(params.scenarios),
-                **self.origin,
-                'autopilot': dataclasses.asdict(self.example.autopilot),
-            },
+            training={**self.facts(params.scenarios, self.example), **self.origin},
             evaluation={'split': 'validation', **validation},
-            git_commit=str(job.provenance.get('git_commit', 'unknown')),
+            git_commit=str(self.job.provenance.get('git_commit', 'unknown')),
         )
 
     def save(self) -> None:
@@ -174,11 +155,6 @@ class Run:
         saved = self.loop.state()
         counters = {**saved.counters, 'best': self.best}
         self.checkpoints.save(str(self.loop.steps), saved._replace(counters=counters), self.loop.replay)
-
-    def close(self) -> None:
-        """Close files and progress bar."""
-        self.progress.close()
-        self.files.close()
 
     def _start(self, model: Model | None) -> dict[str, Any]:
         """Begin with the weights of another model where there is one; tells of it for the card."""
