@@ -26,13 +26,15 @@ class TrainingRun(ABC):
     title: ClassVar[str]
 
     def __init__(self, job: Job, schedule: ScheduleParams) -> None:
-        """Refuse a folder that holds a run already.
+        """Refuse a folder that holds a run already, or, to be resumed, none.
 
         Raises:
-            TrainingError: it does.
+            TrainingError: says which.
         """
         self.job, self.schedule = job, schedule
         self.files = RunDirectory(job.out)
+        begun = self.files.read_config() if job.resume else job.provenance
+        self._command = {'command': begun['command']} if 'command' in begun else {}
         if not job.resume:
             self.files.check_free()
         self.best = {'success': -1.0, 'reward': 0.0}
@@ -98,9 +100,13 @@ class TrainingRun(ABC):
         self.files.close()
 
     def facts(self, scenarios: ScenarioParams, example: Scenario) -> dict[str, Any]:
-        """What a model's card tells of the run, from its worlds and one scenario of them."""
+        """What a model's card tells of the run, from its worlds and one scenario of them.
+
+        The command is that by which it was begun, not the one by which it was resumed.
+        """
         return {
             **self.job.provenance,
+            **self._command,
             'steps': self.steps,
             'seed': self.job.seed,
             'scenarios': dataclasses.asdict(scenarios),
