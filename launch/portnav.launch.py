@@ -27,7 +27,9 @@ PACKAGE = 'portnav_ros'
 MONITOR = 'safety_monitor'
 RETRIES = 3  # of a node that has died
 OPTIONS = {
-    'planner': 'local planner: dwa, line_of_sight or muzero',
+    'planner': 'local planner: dwa, line_of_sight, muzero or ppo',
+    'model': 'of a learned planner: its weights',
+    'allow_mismatch': 'true: sail another vessel than the model was trained for',
     'difficulty': 'paper, harbour, easy or a YAML file',
     'scenario': 'a named scenario or its YAML file',
     'chart': 'GeoJSON or nav2 map YAML',

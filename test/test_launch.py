@@ -7,6 +7,7 @@ from types import ModuleType, SimpleNamespace
 import pytest
 import yaml
 
+from portnav_ros.muzero import ModelError
 from portnav_ros.nodes.table import graph
 from portnav_ros.params import ParamError
 from portnav_ros.resources import share_directory
@@ -86,6 +87,15 @@ def test_a_real_vessel_takes_the_place_of_the_sim(launch):
     nodes = launch(difficulty='easy', planner='dwa', without='[sim]', record='false')
     names = ['pid_controller', 'safety_monitor', 'dwa_planner', 'global_planner']
     assert [node['name'] for node in nodes] == names
+
+
+def test_a_model_must_fit_unless_it_need_not(launch):
+    with pytest.raises(ModelError, match='trained for vessel'):
+        launch(planner='muzero', difficulty='harbour')
+    nodes = launch(planner='muzero', difficulty='harbour', allow_mismatch='true')
+    assert 'muzero_planner' in {node['name'] for node in nodes}
+    with pytest.raises(ModelError, match='nowhere'):
+        launch(planner='muzero', model='nowhere.safetensors')
 
 
 def test_a_mistake_is_refused(launch):
