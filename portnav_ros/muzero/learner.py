@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import torch
 from torch import Tensor
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from portnav_ros.muzero.losses import (
     TERMS,
@@ -34,7 +35,9 @@ class LearnerParams:
 
     batch: sequences of an update. unroll: decisions of a sequence. last_rate: learning rate at the end
     of the run, to which it falls linearly. precision: of the products in the unrolled networks; bfloat16
-    nearly halves the time of an update where the processor has it.
+    nearly halves the time of an update where the processor has it. average: updates over which the mean of
+    the weights runs that validations judge and the model keeps (Polyak and Juditsky 1992), by a decay of
+    1 - 1 / average an update; with 0 they are the last ones.
     """
 
     batch: int = 256
@@ -44,6 +47,7 @@ class LearnerParams:
     weight_decay: float = 1e-4
     gradient_clip: float = 5.0
     precision: Literal['float32', 'bfloat16'] = 'float32'
+    average: int = 0
     weights: LossWeights = field(default_factory=LossWeights)
     ranges: ClassVar[Ranges] = {
         'batch': (1, 65_536),
@@ -52,6 +56,7 @@ class LearnerParams:
         'last_rate': (0.0, 1.0),
         'weight_decay': (0.0, 1.0),
         'gradient_clip': (1e-6, 1e6),
+        'average': (0, 1_000_000),
     }
 
     def __post_init__(self) -> None:
@@ -81,6 +86,17 @@ class Learner:
             weight_decay=params.weight_decay,
             fused=True,
         )
+        self._mean = self._average()
+
+    def _average(self) -> AveragedModel | None:
+        """Begin a running mean at the weights as they are."""
+        if not self.params.average:
+            return None
+        decay = 1.0 - 1.0 / self.params.average
+        average = get_ema_multi_avg_fn(decay)  # type: ignore[no-untyped-call]
+        mean = AveragedModel(self.network, multi_avg_fn=average)
+        mean.update_parameters(self.network)
+        return mean
 
     def set_progress(self, share: float) -> None:
         """Set the learning rate for a run of which this share [0, 1] is done."""
@@ -105,6 +121,8 @@ class Learner:
         total.backward()  # type: ignore[no-untyped-call]
         norm = torch.nn.utils.clip_grad_norm_(self.network.parameters(), self.params.gradient_clip)
         self._optimiser.step()
+        if self._mean is not None:
+            self._mean.update_parameters(self.network)
         self.updates += 1
         values = torch.stack([total.detach(), norm, *(loss.detach() for loss in losses.values())]).tolist()
         if not all(map(math.isfinite, values)):
@@ -133,9 +151,12 @@ class Learner:
         return {'policy_lag': lag} | diagnoses(self.network, said, batch)
 
     def arrays(self) -> dict[str, Array32]:
-        """The weights as numpy arrays, for inference and for a model file."""
-        state = self.network.state_dict()
-        return {name: tensor.detach().float().cpu().numpy().copy() for name, tensor in state.items()}
+        """The weights as numpy arrays, for self-play."""
+        return arrays_of(self.network)
+
+    def mean_arrays(self) -> dict[str, Array32]:
+        """The running mean of the weights, for validations and a model file; without one the last weights."""
+        return self.arrays() if self._mean is None else arrays_of(self._mean.module)
 
     def load_arrays(self, arrays: Mapping[str, Array32]) -> None:
         """Begin with the weights of a model, as `arrays` gives them.
@@ -149,6 +170,7 @@ class Learner:
             self.network.load_state_dict({name: torch.from_numpy(array) for name, array in arrays.items()})
         except RuntimeError as error:
             raise ValueError('the weights are those of other networks') from error
+        self._mean = self._average()
 
     def _check_atoms(self, head: str, arrays: Mapping[str, Array32]) -> None:
         """Refuse a head's atoms that are not ours; as a part of the weights they would take their place."""
@@ -157,18 +179,26 @@ class Learner:
             raise ValueError(f'the weights are for other atoms than those of network.{head}')
 
     def state_dict(self) -> dict[str, Any]:
-        """Networks, optimiser and count of updates, for a checkpoint."""
+        """Networks, optimiser, running mean and count of updates, for a checkpoint."""
         return {
             'network': self.network.state_dict(),
             'optimiser': self._optimiser.state_dict(),
             'updates': self.updates,
-        }
+        } | ({} if self._mean is None else {'mean': self._mean.state_dict()})
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from a checkpoint."""
         self.network.load_state_dict(state['network'])
         self._optimiser.load_state_dict(state['optimiser'])
         self.updates = int(state['updates'])
+        if self._mean is not None:
+            self._mean.load_state_dict(state['mean'])
+
+
+def arrays_of(network: torch.nn.Module) -> dict[str, Array32]:
+    """Weights of networks as numpy arrays."""
+    state = network.state_dict()
+    return {name: tensor.detach().float().cpu().numpy().copy() for name, tensor in state.items()}
 
 
 def diagnoses(network: Network, said: Unrolled, batch: Batch) -> dict[str, float]:

@@ -176,8 +176,14 @@ class Loop:
 
     def export(self) -> NumpyModel:
         """The networks as they stand, for self-play."""
-        speeds = len(self.params.task.actions.speed_mps)
-        return numpy_model(self.learner.arrays(), speeds, self.params.discount)
+        return self._model(self.learner.arrays())
+
+    def export_mean(self) -> NumpyModel:
+        """The networks that a model file would hold, for validations."""
+        return self._model(self.learner.mean_arrays())
+
+    def _model(self, arrays: Mapping[str, Array32]) -> NumpyModel:
+        return numpy_model(arrays, len(self.params.task.actions.speed_mps), self.params.discount)
 
     def iterate(self, worker: ThreadPoolExecutor) -> None:
         """Play a segment and learn from those before it."""

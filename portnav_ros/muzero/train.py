@@ -119,7 +119,7 @@ class Run(TrainingRun):
 
     def validate(self) -> dict[str, Any]:
         """Sail the validation worlds by the best action of each search, and again by the policy alone."""
-        rng, model = np.random.default_rng(0), self.loop.model
+        rng, model = np.random.default_rng(0), self.loop.export_mean()
 
         def plan(features: Array32) -> IntArray:
             return self.search.run(model, features, rng, temperature=0.0).action
@@ -132,7 +132,7 @@ class Run(TrainingRun):
 
     def keep(self, validation: Mapping[str, Any]) -> None:
         """Write the model."""
-        save_model(self.files.best_model, self.loop.learner.arrays(), self.card(validation))
+        save_model(self.files.best_model, self.loop.learner.mean_arrays(), self.card(validation))
 
     def card(self, validation: Mapping[str, Any]) -> Card:
         """What the model is."""

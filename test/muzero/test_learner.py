@@ -146,8 +146,9 @@ def test_the_rate_falls_linearly():
     assert made.state_dict()['optimiser']['param_groups'][0]['lr'] == pytest.approx(2e-3)
 
 
-def test_a_restored_learner_goes_on_to_the_bit():
-    first, second = learner(), learner(seed=9)
+@pytest.mark.parametrize('average', [0, 4])
+def test_a_restored_learner_goes_on_to_the_bit(average):
+    first, second = learner(average=average), learner(seed=9, average=average)
     replay, rng = replay_of(chain(900, np.random.default_rng(0))), np.random.default_rng(1)
     samples = [replay.sample(rng, 64, 3, TargetParams()) for _ in range(6)]
     for sample in samples[:3]:
@@ -161,6 +162,21 @@ def test_a_restored_learner_goes_on_to_the_bit():
     assert first.updates == second.updates == 6
     for name, array in first.arrays().items():
         np.testing.assert_array_equal(array, second.arrays()[name], err_msg=name)
+        np.testing.assert_array_equal(first.mean_arrays()[name], second.mean_arrays()[name], err_msg=name)
+
+
+@pytest.mark.parametrize('average', [0, 1, 4])
+def test_the_mean_of_the_weights_runs_over_so_many_updates(average):
+    made, other = learner(average=average), learner(seed=9)
+    made.load_arrays(other.arrays())  # and begins at those that it is given
+    replay, rng = replay_of(chain(900, np.random.default_rng(0))), np.random.default_rng(1)
+    expected = made.arrays()
+    for _ in range(5):
+        made.update(replay.sample(rng, 64, 3, TargetParams()))
+        share = 1.0 / max(average, 1)
+        expected = {name: old + share * (made.arrays()[name] - old) for name, old in expected.items()}
+    for name, array in made.mean_arrays().items():
+        np.testing.assert_allclose(array, expected[name], rtol=1e-4, atol=1e-6, err_msg=name)
 
 
 def test_a_loss_that_is_not_finite_ends_the_run():

@@ -54,7 +54,7 @@ def params(iterations=9, rule='pozero'):
         search=SearchParams(simulations=4, rule=rule),
         selfplay=SelfPlayParams(environments=4, segment=10),
         replay=ReplayParams(capacity=200, warmup=40, samples_per_step=0.1),
-        learner=LearnerParams(batch=16, unroll=3),
+        learner=LearnerParams(batch=16, unroll=3, average=3),
         schedule=ScheduleParams(iterations * ITERATION, ITERATION, 3 * ITERATION, 3 * ITERATION),
     )
 
@@ -187,6 +187,20 @@ def test_the_best_model_can_be_read_and_says_what_it_is(whole):
     assert model.card.discount == pytest.approx(0.997**8)
     assert model.card.evaluation['split'] == 'validation'
     assert model.card.training['autopilot'] == dataclasses.asdict(AutopilotParams())
+
+
+def test_the_model_has_the_mean_of_the_weights(tmp_path):
+    run = Run(params(), Job(tmp_path / 'run', seed=6))
+    run.go_on()
+    run.keep({'success': 0.5})
+    run.close()
+    mean, last = run.loop.learner.mean_arrays(), run.loop.learner.arrays()
+    kept = load_model(tmp_path / 'run' / 'best.safetensors').tensors
+    assert_same(dict(kept), mean)
+    assert any((mean[name] != last[name]).any() for name in mean)
+    observation = np.ones((1, params().task.observation.size), np.float32)
+    judged, sailing = run.loop.export_mean().begin(observation), run.loop.model.begin(observation)
+    assert (judged.latent != sailing.latent).any()
 
 
 def test_a_finished_run_has_nothing_left_to_do(whole):
