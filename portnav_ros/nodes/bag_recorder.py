@@ -53,10 +53,11 @@ LOCK_STEP_MARGIN_NS = 10_000_000_000
 class RecorderParams(NodeParams):
     """Parameters of the node.
 
-    bag: folder to record into. storage: file format. run_file: JSON mapping that goes into the bag's
-    metadata. chart: GeoJSON copied into the bag's folder. lock_step: simulated time runs much faster
-    than the clock, so wait longer for stragglers. reliable: ask for messages that were lost to be sent
-    again; a real driver may not offer that, and would then not be heard.
+    bag: folder to record into; a recorder that is configured again adds -2, -3 and so on. storage: file
+    format. run_file: JSON mapping that goes into the bag's metadata. chart: GeoJSON copied
+    into the bag's folder. lock_step: simulated time runs much faster than the clock, so wait longer for
+    stragglers. reliable: ask for messages that were lost to be sent again; a real driver may not offer
+    that, and would then not be heard.
     """
 
     bag: str = 'bag'
@@ -75,6 +76,7 @@ class BagRecorder(PortNode[RecorderParams]):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('bag_recorder', DEFAULTS, **options)
+        self._bags = 0
 
     def configure(self) -> None:
         """Open the bag and listen; from here on nothing is lost."""
@@ -147,6 +149,8 @@ class BagRecorder(PortNode[RecorderParams]):
 
     def _open(self, topics: list[Topic]) -> Recording:
         params, path = self.params, Path(self.params.bag)
+        if self._bags:
+            path = path.with_name(f'{path.name}-{self._bags + 1}')
         by_topic = zip(topics, self._queues, strict=True)
         rows = [_recorded(topic, queue, params.lock_step) for topic, queue in by_topic]
         margin_ns = LOCK_STEP_MARGIN_NS if params.lock_step else MARGIN_NS
@@ -157,6 +161,7 @@ class BagRecorder(PortNode[RecorderParams]):
                 shutil.copy(params.chart, path / CHART)
         except (BagError, OSError, ValueError) as error:
             raise ParamError(f'{self.get_name()}: {error}') from error
+        self._bags += 1
         return recording
 
     def _queue(self, number: int, topic: Topic) -> Subscription:

@@ -18,6 +18,7 @@ from rclpy.node import Node
 
 from portnav_ros.evaluation.bags import read_bag
 from portnav_ros.nodes import messages
+from portnav_ros.nodes.bag_recorder import BagRecorder
 from portnav_ros.nodes.status_pipe import STATUS_FD
 from portnav_ros.nodes.topics import TOPICS, offered_qos
 from portnav_ros.types import Actuation, VesselState
@@ -166,6 +167,26 @@ def test_a_bag_that_is_there_is_not_overwritten(tmp_path):
     (tmp_path / 'bag').mkdir()
     with pytest.raises(AssertionError, match='exists already'):
         start(tmp_path)
+
+
+def test_a_recorder_that_is_configured_again_begins_another_bag(graph, tmp_path):
+    node = graph.add(BagRecorder, bag=str(tmp_path / 'bag'))
+    odometry = messages.new_odometry()
+
+    def heard():
+        graph.publish('odom', odometry)
+        return node._complete_ns
+
+    for stamp_ns in (TICK_NS, 2 * TICK_NS):
+        messages.fill_odometry(odometry, stamp_ns, VesselState(0.0, 0.0, 0.0, 3.0))
+        graph.until(heard, 'the odometry')
+        for transition in ('deactivate', 'cleanup', 'configure', 'activate'):
+            getattr(node, f'trigger_{transition}')()
+        assert node.state == 'active', node.failure
+    for name, stamp_ns in (('bag', TICK_NS), ('bag-2', 2 * TICK_NS)):
+        bag = read_bag(tmp_path / name)
+        assert not bag.lost
+        assert {stamp for stamp, _ in bag.messages['/odom']} == {stamp_ns}
 
 
 def test_an_unknown_parameter_is_refused(tmp_path):
