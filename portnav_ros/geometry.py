@@ -39,6 +39,11 @@ def segment_distance_squared(px: float, py: float, x0: float, y0: float, x1: flo
     return ex * ex + ey * ey
 
 
+def yaw_of(x: float, y: float, z: float, w: float) -> float:
+    """Yaw in [-pi, pi] of a unit quaternion, whatever its roll and pitch."""
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
 def polyline_lengths(points: Array) -> Array:
     """Arc length in m at each vertex of a polyline [W, 2]; the first is 0."""
     steps = np.hypot(*np.diff(points, axis=0).T)

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from portnav_ros.harbour import Harbour
+from portnav_ros.safety.mounting import Mounting
 from portnav_ros.task.observation import ObservationParams
 from portnav_ros.task.path_errors import path_errors_along
 from portnav_ros.types import STATE_SIZE, Array, Array32, IntArray, Outcome
@@ -22,7 +23,10 @@ class LogError(ValueError):
 
 
 class TargetTrack(NamedTuple):
-    """Another vessel as recorded: time_s [N] s; pose [N, 4] x, y in m, yaw in rad, speed in m/s."""
+    """Another vessel as recorded: time_s [N] s; pose [N, 4] x, y in m, yaw in rad, speed in m/s.
+
+    length_m, beam_m: of its hull; 0 where they are not known.
+    """
 
     name: str
     time_s: Array
@@ -31,22 +35,32 @@ class TargetTrack(NamedTuple):
     beam_m: float
 
 
+class PlanLog(NamedTuple):
+    """A route, path [W, 2] m, and the time in s from which on it held."""
+
+    time_s: float
+    path: Array
+
+
 class ScanLog(NamedTuple):
-    """Sweeps of the ranging sensor: time_s [S] s; ranges [S, R] m (+inf no return)."""
+    """Sweeps of the ranging sensor: time_s [S] s; ranges [S, R] m (+inf no return); where it is mounted."""
 
     time_s: Array
     ranges: Array32
     angle_min_rad: float
     angle_increment_rad: float
+    mounting: Mounting = Mounting()
 
 
 @dataclass(frozen=True)
 class EpisodeLog:
     """One recorded episode; the row of index t holds what was true at ``time_s[t]``.
 
-    time_s: [T] s, rising. own: [T, 7] state rows. setpoint: [T, 2] desired heading in rad and speed
-    in m/s, as decided at that time or last before it. path: [W, 2] m, the global plan. goal: x, y in m.
-    command: [T, 2] rudder in rad and thrust in N as the autopilot asked, or None. range_min: [T] m,
+    time_s: [T] s, rising. own: [T, 7] state rows, rudder and thrust NaN where nobody told them. setpoint:
+    [T, 2] desired heading in rad and speed in m/s, as decided at that time or last before it. path: [W, 2]
+    m, the global plan. earlier_plans: those that held before it, in the order of their times, and
+    path_since_s: from when on it held itself; errors are counted from the plan of the time. goal: x, y in
+    m. command: [T, 2] rudder in rad and thrust in N as the autopilot asked, or None. range_min: [T] m,
     the least return of a scan, or None. clearance: [T, 3] m from the hull to the nearest quay, buoy
     and vessel, or None. latency_s: [N] s that decisions took. wall_s: how long the episode took to
     run, NaN where unknown. metadata: version, command and whatever else helps to repeat the run.
@@ -61,6 +75,8 @@ class EpisodeLog:
     outcome: Outcome
     vessel: VesselParams = field(default_factory=VesselParams)
     goal_radius_m: float = 50.0
+    earlier_plans: tuple[PlanLog, ...] = ()
+    path_since_s: float = float('-inf')
     command: Array | None = None
     range_min: Array | None = None
     clearance: Array | None = None
@@ -102,7 +118,16 @@ class EpisodeLog:
     @cached_property
     def errors(self) -> Array:
         """Line-of-sight path errors [T, 3]: e_x, e_y in m (body frame), e_psi in rad."""
-        return path_errors_along(self.own, self.path, ObservationParams().lookahead_m)
+        plans = (*self.earlier_plans, PlanLog(self.path_since_s, self.path))
+        held = np.searchsorted([plan.time_s for plan in plans[1:]], self.time_s, side='right')
+        legs = ((self.own[held == k], plan.path) for k, plan in enumerate(plans))
+        return np.concatenate([path_errors_along(*leg, ObservationParams().lookahead_m) for leg in legs])
+
+    @property
+    def goal_moved(self) -> bool:
+        """Whether an earlier plan led somewhere else."""
+        ends = [plan.path[-1] - self.path[-1] for plan in self.earlier_plans]
+        return any(float(np.hypot(*end)) > self.goal_radius_m for end in ends)
 
     def thinned(self, period_s: float) -> EpisodeLog:
         """Keep the rows closest after each multiple of a period, and the last.

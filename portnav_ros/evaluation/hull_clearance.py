@@ -10,7 +10,8 @@ import shapely
 from portnav_ros.evaluation.episode_log import EpisodeLog, TargetTrack
 from portnav_ros.types import YAW, AnyArray, Array, X, Y
 
-GONE_S = 2.0  # a target is taken as present this long before its first and after its last pose
+GONE_S = 2.0  # a target is taken as present this long before and after each of its poses
+APART_S = 10.0  # and between two poses that are no further apart than this
 
 
 def with_clearance(log: EpisodeLog) -> EpisodeLog:
@@ -40,12 +41,15 @@ def hull_corners(poses: Array, length_m: float, beam_m: float) -> Array:
 
 
 def poses_at(track: TargetTrack, time_s: Array) -> Array:
-    """Poses [T, 3] of a target at given times, interpolated; NaN where it was not there."""
+    """Poses [T, 3] of a target at given times, interpolated; NaN where nobody tells where it was."""
     at = np.clip(time_s, track.time_s[0], track.time_s[-1])
+    after = np.searchsorted(track.time_s, at).clip(min(1, len(track.time_s) - 1))
+    before_s, after_s = track.time_s[after - 1], track.time_s[after]
+    silent = (after_s - before_s > APART_S) & (np.minimum(at - before_s, after_s - at) > GONE_S)
     yaw = np.unwrap(track.pose[:, 2])
     columns = (track.pose[:, 0], track.pose[:, 1], yaw)
     poses = np.column_stack([np.interp(at, track.time_s, column) for column in columns])
-    poses[np.abs(time_s - at) > GONE_S] = np.nan
+    poses[silent | (np.abs(time_s - at) > GONE_S)] = np.nan
     return poses
 
 

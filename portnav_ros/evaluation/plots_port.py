@@ -62,7 +62,8 @@ def thumbnail_figure(log: EpisodeLog) -> Figure:
 
 def view_box(log: EpisodeLog) -> Box:
     """x_min, y_min, x_max, y_max in m about plan and track, no flatter than 1 : 4."""
-    points = np.vstack([log.path, log.own[:, [X, Y]], [log.goal]])
+    plans = [plan.path for plan in log.earlier_plans]
+    points = np.vstack([*plans, log.path, log.own[:, [X, Y]], [log.goal]])
     low, high = points.min(axis=0), points.max(axis=0)
     centre, size = 0.5 * (low + high), high - low + 2.0 * max(80.0, 2.0 * log.vessel.length_m)
     size = np.maximum(size, size.max() / np.array([2.0, 4.0]))
@@ -74,6 +75,8 @@ def draw_port(axes: Axes, log: EpisodeLog, box: Box) -> None:
     """Chart, plan, tracks and hulls within a box."""
     times = _hull_times(log)
     draw_chart(axes, log.harbour, box)
+    for plan in log.earlier_plans:
+        axes.plot(*plan.path.T, color=plots.PLAN, linewidth=0.8, alpha=0.6, linestyle=(0, (5, 3)), zorder=3)
     axes.plot(*log.path.T, color=plots.PLAN, linewidth=1.3, linestyle=(0, (5, 3)), zorder=3)
     axes.add_patch(Circle(log.goal, log.goal_radius_m, facecolor=plots.GOAL, alpha=0.15, zorder=2))
     axes.add_patch(Circle(log.goal, log.goal_radius_m, fill=False, edgecolor=plots.GOAL, zorder=3))
@@ -243,14 +246,14 @@ def _legend(axes: Axes, log: EpisodeLog) -> None:
     handles = [
         Line2D([], [], color=plots.PLAN, linestyle=(0, (5, 3)), label='plan'),
         Line2D([], [], color=plots.SPEED(0.8), linewidth=2.4, label='sailed'),
-        Line2D([], [], color=plots.CHART_INK, marker='o', linestyle='', markersize=5, label='start'),
+        Line2D([], [], color=plots.INK, marker='o', linestyle='', markersize=5, label='start'),
         Line2D(
             [], [], color=plots.GOAL, marker='o', fillstyle='none', linestyle='', markersize=9, label='goal'
         ),
     ]
     if log.targets:
         handles.append(Line2D([], [], color=plots.OTHERS, marker='s', alpha=0.7, label='other vessels'))
-    if len(log.harbour.buoys):
+    if log.harbour.charted.any():
         handles.append(_diamond(plots.BUOY, 'buoy'))
     if not log.harbour.charted.all():
         handles.append(_diamond(plots.UNCHARTED, 'buoy not on the chart'))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from portnav_ros.evaluation.episode_log import EpisodeLog, ScanLog
+from portnav_ros.evaluation.episode_log import EpisodeLog, PlanLog, ScanLog
 from portnav_ros.evaluation.hull_clearance import poses_at
 from portnav_ros.evaluation.plots import SENTENCES
 from portnav_ros.evaluation.plots_port import view_box
@@ -29,7 +29,7 @@ def replay_data(log: EpisodeLog) -> dict[str, Any]:
         'targets': [
             {
                 'pose': [
-                    None if np.isnan(row[0]) else row for row in _rounded(poses_at(track, thin.time_s), 3)
+                    None if row[0] is None else row for row in _rounded(poses_at(track, thin.time_s), 3)
                 ],
                 'length_m': track.length_m,
                 'beam_m': track.beam_m,
@@ -37,7 +37,10 @@ def replay_data(log: EpisodeLog) -> dict[str, Any]:
             for track in log.targets
             if len(track.time_s)
         ],
-        'plan': _rounded(log.path, 1),
+        'plans': [
+            [_shown_from(plan.time_s, log), _rounded(plan.path, 1)]
+            for plan in (*log.earlier_plans, PlanLog(log.path_since_s, log.path))
+        ],
         'goal': list(log.goal),
         'goal_radius_m': log.goal_radius_m,
         'water': _rings(log.harbour),
@@ -49,8 +52,15 @@ def replay_data(log: EpisodeLog) -> dict[str, Any]:
 
 
 def _rounded(values: Array, digits: int) -> list[Any]:
-    result: list[Any] = np.round(values, digits).tolist()
+    """Nested lists, with None for NaN."""
+    rounded = np.round(values, digits).astype(object)
+    rounded[np.isnan(values)] = None
+    result: list[Any] = rounded.tolist()
     return result
+
+
+def _shown_from(time_s: float, log: EpisodeLog) -> float:
+    return round(max(time_s, float(log.time_s[0])), 2)
 
 
 def _charted(harbour: Harbour) -> list[tuple[list[float], bool]]:
@@ -75,4 +85,5 @@ def _scans(scans: ScanLog) -> dict[str, Any]:
         'ranges_dm': decimetres.astype(int).tolist(),
         'angle_min_rad': float(scans.angle_min_rad),
         'angle_increment_rad': float(scans.angle_increment_rad),
+        'mounting': [scans.mounting.x_m, scans.mounting.y_m, scans.mounting.yaw_rad],
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import shlex
+from collections.abc import Iterator
 from html import escape
 from pathlib import Path
 from string import Template
@@ -14,35 +14,38 @@ from typing import Any
 import numpy as np
 
 from portnav_ros.evaluation import plots
-from portnav_ros.evaluation.bag_episode import read_episode
+from portnav_ros.evaluation.bag_episode import LOST, read_episode
 from portnav_ros.evaluation.episode_log import EpisodeLog
 from portnav_ros.evaluation.hull_clearance import with_clearance
 from portnav_ros.evaluation.metrics.table import METRICS, measure
 from portnav_ros.evaluation.plots_port import port_figure
 from portnav_ros.evaluation.plots_series import series_figure
 from portnav_ros.evaluation.replay import replay_data
+from portnav_ros.evaluation.rerun import rerun_command
 from portnav_ros.evaluation.summary import write_json
 from portnav_ros.types import Outcome
 
 PAGE = Path(__file__).resolve().with_name('page')
 PLOT_PERIOD_S = 0.5
-LOST, OPTIONS = 'lost', 'options'  # metadata of a bag: what is missing of it, what was run
 _NEAREST = ('a quay', 'a buoy', 'another vessel')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the command."""
     parser.add_argument('bag', type=Path, help='a bag, or the folder of a run that holds bag/')
-    parser.add_argument('--out', type=Path, metavar='DIR', help='where to write (default: beside the bag)')
+    parser.add_argument(
+        '--out', type=Path, metavar='DIR', help='where to write (default: into the folder that is named)'
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the report of a recorded bag."""
     bag: Path = arguments.bag
-    beside = bag.parent if bag.is_file() or not (bag / 'bag').is_dir() else bag
     log = read_episode(bag)
-    page = write_report(log, arguments.out or beside)
+    page = write_report(log, arguments.out or (bag.parent if bag.is_file() else bag))
     print(f'{headline(log)}\n{page}')
+    for other in sorted(bag.glob('bag-*/')):
+        print(f'{other}: another bag of this run; portnav report {other}')
     return 0
 
 
@@ -93,16 +96,6 @@ def summary(log: EpisodeLog, values: dict[str, float]) -> dict[str, Any]:
     }
 
 
-def rerun_command(log: EpisodeLog) -> str:
-    """Return the command that repeats the episode."""
-    options = json.loads(log.metadata.get(OPTIONS, '{}'))
-    parts = ['portnav', 'demo', '--seed', str(log.seed)]
-    known = {'difficulty': log.difficulty, 'planner': log.planner, **options}
-    for name in ('difficulty', 'scenario', 'chart', 'planner'):
-        parts += [f'--{name}', known[name]] if known.get(name) else []
-    return shlex.join(parts)
-
-
 def _closest(log: EpisodeLog) -> str:
     if log.outcome.collision:
         return ''
@@ -129,7 +122,7 @@ def _page(log: EpisodeLog, drawn: EpisodeLog, values: dict[str, float], port: st
         figures='\n'.join(_cards(values)),
         port=port,
         series=series,
-        command=escape(rerun_command(log)),
+        command=_again(log),
         metadata='\n'.join(map(_row, sorted(log.metadata.items()))),
         data=data,
         script=(PAGE / 'replay.js').read_text(encoding='utf-8'),
@@ -158,8 +151,24 @@ def _facts(log: EpisodeLog) -> str:
 
 
 def _warning(log: EpisodeLog) -> str:
-    lost = log.metadata.get(LOST)
-    return f'<p class="warning">The recording is damaged: {escape(lost)}.</p>' if lost else ''
+    return ''.join(f'<p class="warning">{escape(note)}</p>\n' for note in _notes(log))
+
+
+def _notes(log: EpisodeLog) -> Iterator[str]:
+    """What has to be known of the figures."""
+    if lost := log.metadata.get(LOST):
+        yield f'The recording is damaged: {lost}.'
+    if log.earlier_plans:
+        times = f'{len(log.earlier_plans)} time{"s" if len(log.earlier_plans) > 1 else ""}'
+        moved = ', and led to another goal before' if log.goal_moved else ''
+        yield f'The plan changed {times}{moved}: path errors are counted from the plan of the time.'
+    if unknown := sum(track.length_m == 0.0 for track in log.targets):
+        yield f'{unknown} of the other vessels are of unknown size: clearances are to their positions.'
+
+
+def _again(log: EpisodeLog) -> str:
+    command = rerun_command(log)
+    return f'<pre>{escape(command)}</pre>' if command else '<p>No command repeats this trip.</p>'
 
 
 def _cards(values: dict[str, float]) -> list[str]:

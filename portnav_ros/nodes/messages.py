@@ -18,7 +18,7 @@ from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, LaserScan
 
-from portnav_ros.geometry import polyline_yaws
+from portnav_ros.geometry import polyline_yaws, yaw_of
 from portnav_ros.harbour import ClearanceGrid
 from portnav_ros.nodes.topics import BODY_FRAME, DESIRED_FRAME, LIDAR_FRAME, MAP_FRAME
 from portnav_ros.sim.scenario import LidarParams
@@ -65,7 +65,7 @@ def read_yaw(orientation: Quaternion) -> float:
     norm = x * x + y * y + z * z + w * w
     if not abs(norm - 1.0) < 1e-2:
         raise MessageError(f'orientation is not a unit quaternion: ({x}, {y}, {z}, {w})')
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return yaw_of(x, y, z, w)
 
 
 def new_odometry(

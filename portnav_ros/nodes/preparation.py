@@ -216,7 +216,7 @@ def _metadata(options: GraphOptions, configuration: Configuration, scenario: Sce
         bag_episode.GOAL: json.dumps(scenario.goal),
         bag_episode.GOAL_RADIUS: str(scenario.goal_radius_m),
         bag_episode.VESSEL: json.dumps(dataclasses.asdict(scenario.vessel)),
-        bag_episode.HULLS: json.dumps(scenario.traffic.hull.tolist()),
+        **_sensed(options, configuration, scenario),
         'options': json.dumps(dataclasses.asdict(options), default=str),
         'configuration': json.dumps(configuration),
         'version': __version__,
@@ -224,6 +224,17 @@ def _metadata(options: GraphOptions, configuration: Configuration, scenario: Sce
         'libraries': json.dumps({'python': platform.python_version(), **_versions()}),
         **_model(options, configuration),
     }
+
+
+def _sensed(options: GraphOptions, configuration: Configuration, scenario: Scenario) -> dict[str, str]:
+    """Hulls of the sim's traffic, of nobody else's, and where the sensor is, if not in the middle."""
+    told = {} if 'sim' in options.without else {bag_episode.HULLS: scenario.traffic.hull.tolist()}
+    for node in (f'{options.planner}{PLANNER_SUFFIX}', 'safety_monitor'):
+        given = nested(dict(flat(configuration.get(node, {}))), node)
+        if mounting := given.get('mounting'):
+            told[bag_episode.MOUNTING] = mounting
+            break
+    return {key: json.dumps(value) for key, value in told.items()}
 
 
 def _model(options: GraphOptions, configuration: Configuration) -> dict[str, str]:

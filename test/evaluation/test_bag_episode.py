@@ -7,9 +7,11 @@ import pytest
 import shapely
 
 from portnav_ros.charts import write_geojson
-from portnav_ros.evaluation.bag_episode import CHART, LOST, RENAMED, read_episode
+from portnav_ros.evaluation.bag_episode import CHART, LOST, MOUNTING, RENAMED, read_episode
 from portnav_ros.evaluation.bag_writer import TYPES, BagError, BagWriter
+from portnav_ros.evaluation.metrics.table import measure
 from portnav_ros.harbour import Harbour
+from portnav_ros.safety.mounting import Mounting
 from portnav_ros.types import Outcome
 
 TYPE = {
@@ -177,6 +179,124 @@ def test_an_unfinished_recording_says_so(tmp_path):
     log = read_episode(tmp_path)
     assert log.outcome is Outcome.RUNNING
     assert 'cut off' in log.metadata[LOST]
+
+
+@pytest.mark.parametrize(
+    ('topic', 'message'),
+    [
+        ('odom', odometry(0.75, x=np.nan)),
+        ('targets', odometry(0.75, y=np.inf, child='target/0')),
+        ('cmd_actuators', make(TYPE['cmd_actuators'], header(0.75), ['engine'], *[np.zeros(1)] * 3)),
+        (
+            'joint_states',
+            make(TYPE['joint_states'], header(0.75), ['rudder', 'propulsion'], *[np.zeros(0)] * 3),
+        ),
+        ('setpoint', odometry(0.75, surge=np.nan)),
+        ('plan', plan(0.75, [(0.0, 0.0), (np.nan, 0.0)])),
+        ('scan', scan(0.75)),
+        ('episode', episode('BANG')),
+    ],
+)
+def test_what_the_nodes_refuse_is_left_out(tmp_path, topic, message):
+    (tmp_path / 'whole').mkdir()
+    (tmp_path / 'other').mkdir()
+    record(tmp_path / 'whole', rows())
+    record(tmp_path / 'other', sorted([*rows(), (0.75, topic, message)], key=lambda row: row[0]))
+    whole, other = read_episode(tmp_path / 'whole'), read_episode(tmp_path / 'other')
+    assert other.metadata[LOST] == f'1 that cannot be used on {topic}'
+    for name in ('time_s', 'own', 'setpoint', 'path', 'command', 'range_min'):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(other, name), err_msg=name)
+    assert whole.outcome is other.outcome
+
+
+@pytest.mark.parametrize(
+    ('key', 'value'),
+    [
+        ('vessel', '[]'),
+        ('hulls', '[[1.0]]'),
+        ('hulls', '{}'),
+        ('renamed', '[]'),
+        ('mounting', '7'),
+        ('goal', '1'),
+    ],
+)
+def test_damaged_metadata_is_refused_by_name(tmp_path, key, value):
+    record(tmp_path, rows(), METADATA | {key: value})
+    with pytest.raises(BagError, match=str(tmp_path)):
+        read_episode(tmp_path)
+
+
+def test_what_nobody_tells_is_not_known(tmp_path):
+    record(tmp_path, [row for row in rows() if row[1] != 'joint_states'])
+    log = read_episode(tmp_path)
+    assert np.isnan(log.own[:, 5:]).all()
+    assert np.isfinite(log.own[:, :5]).all()
+    values = measure(log)
+    assert np.isnan([values['control_effort'], values['rudder_reversals_per_min']]).all()
+
+
+def test_a_trip_begins_with_its_first_plan(tmp_path):
+    berth = [(0.1 * k, 'odom', odometry(0.1 * k, x=-40.0)) for k in range(9)]
+    sailed = [(time_s + 1.0, name, message) for time_s, name, message in rows()]
+    record(tmp_path, [*berth, *sailed])
+    log = read_episode(tmp_path)
+    assert log.time_s == pytest.approx([1.0, 1.5, 2.0, 2.5])
+    assert not log.earlier_plans
+
+
+def sail(points, first_s):
+    """Odometry a second along points, 1 m a second."""
+    return [(first_s + k, 'odom', odometry(first_s + k, *points(float(k)), surge=1.0)) for k in range(50)]
+
+
+def test_errors_are_counted_from_the_plan_of_the_time(tmp_path):
+    there, back = [(0.0, 0.0), (100.0, 0.0)], [(50.0, 0.0), (50.0, 49.0)]
+    east = [(0.0, 'plan', plan(0.0, dense(there))), *sail(lambda k: (k, 0.0, 0.0), 0.0)]
+    north = [(50.0, 'plan', plan(50.0, dense(back))), *sail(lambda k: (50.0, k, np.pi / 2), 50.0)]
+    record(tmp_path, [*east, *north])
+    log = read_episode(tmp_path)
+    assert (len(log.earlier_plans), log.path_since_s, log.goal_moved) == (1, 50.0, True)
+    assert abs(log.errors[:, :2]).max() < 1.0
+    assert log.outcome is Outcome.SUCCESS
+    assert np.isnan(measure(log)['path_over_plan'])
+
+
+def test_a_detour_is_measured_by_the_first_plan(tmp_path):
+    first, again = dense([(0.0, 0.0), (98.0, 0.0)]), dense([(50.0, 0.0), (98.0, 0.0)])
+    east = [(0.0, 'plan', plan(0.0, first)), *sail(lambda k: (k, 0.0, 0.0), 0.0)]
+    on = [(50.0, 'plan', plan(50.0, again)), *sail(lambda k: (50.0 + k, 0.0, 0.0), 50.0)]
+    record(tmp_path, [*east, *on])
+    log = read_episode(tmp_path)
+    assert len(log.earlier_plans) == 1
+    assert not log.goal_moved
+    assert measure(log)['path_over_plan'] == pytest.approx(1.0, abs=0.03)  # 0.5 without the first
+
+
+def dense(points):
+    """The points of a way a metre apart."""
+    (x0, y0), (x1, y1) = points
+    count = round(np.hypot(x1 - x0, y1 - y0)) + 1
+    return list(zip(np.linspace(x0, x1, count), np.linspace(y0, y1, count), strict=True))
+
+
+def test_yaw_is_that_of_a_hull_that_heels(tmp_path):
+    roll, pitch, yaw = np.radians([15.0, 8.0, 0.0])
+    (cr, cp, cy), (sr, sp, sy) = (
+        np.cos([roll / 2, pitch / 2, yaw / 2]),
+        np.sin([roll / 2, pitch / 2, yaw / 2]),
+    )
+    message = odometry(2.0)
+    message.pose.pose.orientation.x = sr * cp * cy - cr * sp * sy
+    message.pose.pose.orientation.y = cr * sp * cy + sr * cp * sy
+    message.pose.pose.orientation.z = cr * cp * sy - sr * sp * cy
+    message.pose.pose.orientation.w = cr * cp * cy + sr * sp * sy
+    record(tmp_path, [*rows(), (2.0, 'odom', message)])
+    assert read_episode(tmp_path).own[-1, 2] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_bag_tells_where_the_sensor_is(tmp_path):
+    record(tmp_path, rows(), METADATA | {MOUNTING: '{"x_m": 50.0, "yaw_rad": 1.5}'})
+    assert read_episode(tmp_path).scans.mounting == Mounting(50.0, 0.0, 1.5)
 
 
 @pytest.mark.parametrize(('end_x_m', 'outcome'), [(61.0, Outcome.SUCCESS), (59.0, Outcome.RUNNING)])

@@ -40,3 +40,16 @@ def test_a_target_is_there_only_while_recorded():
     assert np.isnan(poses[[0, 2]]).all()
     assert poses[1, 0] == pytest.approx(5.0)
     assert abs(poses[1, 2]) == pytest.approx(np.pi, abs=0.01)
+
+
+def test_a_target_that_was_lost_did_not_sail_straight_on():
+    pose = np.array([[-300.0, 0.0, 0.0, 0.0], [300.0, 0.0, 0.0, 0.0]])
+    track = TargetTrack('1', np.array([0.0, 18.0]), pose, 5.0, 2.0)
+    poses = poses_at(track, np.array([0.0, 1.0, 3.0, 9.0, 15.0, 17.0, 18.0]))
+    np.testing.assert_array_equal(np.isnan(poses[:, 0]), [False, False, True, True, True, False, False])
+
+
+def test_a_single_pose_is_enough():
+    track = TargetTrack('1', np.array([5.0]), np.array([[1.0, 2.0, 0.0, 0.0]]), 5.0, 2.0)
+    poses = poses_at(track, np.array([2.0, 4.0, 5.0, 8.0]))
+    np.testing.assert_array_equal(np.isnan(poses[:, 0]), [True, False, False, True])

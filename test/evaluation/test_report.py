@@ -1,16 +1,21 @@
 import json
 import math
 import re
+from argparse import Namespace
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
+from portnav_ros.evaluation import report
+from portnav_ros.evaluation.episode_log import PlanLog
 from portnav_ros.evaluation.plots import inline_svg
 from portnav_ros.evaluation.plots_port import port_figure, view_box
 from portnav_ros.evaluation.plots_series import series_figure
 from portnav_ros.evaluation.replay import MAX_ROWS, MAX_SCANS, replay_data
-from portnav_ros.evaluation.report import headline, rerun_command, write_report
+from portnav_ros.evaluation.report import headline, write_report
+from portnav_ros.safety.mounting import Mounting
 from portnav_ros.types import Outcome
 
 
@@ -68,10 +73,53 @@ def test_the_headline_tells_the_outcome(straight):
     assert headline(straight(outcome=Outcome.COLLISION_BUOY)) == 'The dwa planner hit a buoy after 1:40 min.'
 
 
-def test_the_command_that_repeats_the_episode(straight):
-    assert rerun_command(straight()) == 'portnav demo --seed 7 --difficulty easy --planner dwa'
-    options = json.dumps({'scenario': 'head_on', 'difficulty': 'easy', 'chart': None, 'planner': 'dwa'})
-    assert '--scenario head_on' in rerun_command(straight(metadata={'options': options}))
+def test_notes_tell_what_to_know_of_the_figures(straight, tmp_path):
+    log = straight()
+    log = straight(
+        earlier_plans=(PlanLog(0.0, log.path[:30]),),
+        path_since_s=50.0,
+        targets=(log.targets[0]._replace(length_m=0.0, beam_m=0.0),),
+    )
+    page = write_report(log, tmp_path).read_text()
+    assert 'The plan changed 1 time, and led to another goal before' in page
+    assert '1 of the other vessels are of unknown size' in page
+    (first, _), (second, _) = replay_data(log)['plans']
+    assert (first, second) == (0.0, 50.0)
+
+
+def test_actuators_that_nobody_recorded_are_not_drawn(straight, tmp_path):
+    log = straight(own=straight().own + np.array([0.0] * 5 + [np.nan] * 2))
+    assert replay_data(log)['own'][0][4] is None
+    assert (
+        json.loads((write_report(log, tmp_path).parent / 'summary.json').read_text())['control_effort']
+        is None
+    )
+
+
+def test_scans_are_drawn_where_the_sensor_is(straight):
+    log = straight()
+    mounted = straight(scans=log.scans._replace(mounting=Mounting(40.0, 0.0, 1.5)))
+    assert replay_data(log)['scans']['mounting'] == [0.0, 0.0, 0.0]
+    assert replay_data(mounted)['scans']['mounting'] == [40.0, 0.0, 1.5]
+
+
+def test_the_legend_names_what_is_there(straight):
+    def names(log):
+        return {text.get_text() for text in port_figure(log).axes[0].get_legend().get_texts()}
+
+    log = straight()
+    hidden = replace(log.harbour, charted=np.zeros(len(log.harbour.buoys), bool))
+    assert {'buoy', 'buoy not on the chart'} <= names(log)
+    assert 'buoy' not in names(straight(harbour=hidden))
+
+
+def test_a_report_lies_in_the_folder_that_is_named(straight, tmp_path, monkeypatch, capsys):
+    (tmp_path / 'bag-2').mkdir()
+    monkeypatch.setattr(report, 'read_episode', lambda path: straight())
+    for folder in (tmp_path, tmp_path / 'bag-2'):
+        assert report.run(Namespace(bag=folder, out=None)) == 0
+        assert (folder / 'report.html').exists()
+    assert f'portnav report {tmp_path / "bag-2"}' in capsys.readouterr().out
 
 
 def test_a_damaged_recording_is_announced(straight, tmp_path):

@@ -112,6 +112,20 @@ def fitting(scenario, make_model):
     return make_model(vessel=scenario.vessel)
 
 
+def test_the_bag_is_told_of_hulls_that_the_sim_moves_and_of_a_sensor_elsewhere(tmp_path, scenario):
+    mounting = {'x_m': 40.0, 'yaw_rad': 1.5}
+    for name, options, configuration in (
+        ('sim', GraphOptions('dwa'), {}),
+        ('vessel', GraphOptions('dwa', without=('sim',)), {'dwa_planner': {'mounting': mounting}}),
+    ):
+        prepare(options, configuration, scenario, tmp_path / name)
+    sim, vessel = (json.loads((tmp_path / name / METADATA).read_text()) for name in ('sim', 'vessel'))
+    assert json.loads(sim['hulls']) == scenario.traffic.hull.tolist()
+    assert 'hulls' not in vessel
+    assert 'mounting' not in sim
+    assert json.loads(vessel['mounting']) == mounting
+
+
 def test_the_metadata_names_the_weights(tmp_path, scenario, fitting):
     options = replace(EASY, planner='muzero')
     prepare(options, {'muzero_planner': {'model': str(fitting)}}, scenario, tmp_path)

@@ -1,4 +1,4 @@
-"""How much longer the sailed track is than the plan."""
+"""How much longer the sailed track is than the plan was at first."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from portnav_ros.types import Array, Outcome, X, Y
 
 
 def path_over_plan(log: EpisodeLog) -> float:
-    """Sailed length plus what was left to the goal, over the length of the plan.
+    """Sailed length plus what was left to the goal, over the length of the first plan.
 
     1 for a track that follows its plan; NaN unless the goal was reached, since a track cut short
-    by a collision says nothing about detours.
+    by a collision says nothing about detours, and where the goal was another one before.
     """
-    if log.outcome != Outcome.SUCCESS:
+    if log.outcome != Outcome.SUCCESS or log.goal_moved:
         return float('nan')
+    plan = log.earlier_plans[0].path if log.earlier_plans else log.path
     left = math.hypot(log.goal[0] - log.own[-1, X], log.goal[1] - log.own[-1, Y])
-    return (sailed_m(log.own) + left) / float(polyline_lengths(log.path)[-1])
+    return (sailed_m(log.own) + left) / float(polyline_lengths(plan)[-1])
 
 
 def sailed_m(own: Array) -> float:

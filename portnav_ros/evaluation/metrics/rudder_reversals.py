@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from portnav_ros.evaluation.episode_log import EpisodeLog
 from portnav_ros.types import RUDDER, Array
 
@@ -11,8 +13,8 @@ DEAD_BAND_RAD = math.radians(2.0)
 
 
 def rudder_reversals_per_min(log: EpisodeLog) -> float:
-    """Reversals of the rudder's motion per minute; NaN for an episode without duration."""
-    if log.length_s <= 0.0:
+    """Reversals of the rudder's motion per minute; NaN without duration, or where it was not recorded."""
+    if log.length_s <= 0.0 or np.isnan(log.own[:, RUDDER]).any():
         return float('nan')
     return 60.0 * count_reversals(log.own[:, RUDDER], DEAD_BAND_RAD) / log.length_s
 

@@ -94,7 +94,7 @@
     paint.globalAlpha = 0.2;
     disc(data.goal[0], data.goal[1], data.goal_radius_m, colours.goal);
     paint.globalAlpha = 1;
-    trace(data.plan, false);
+    trace(data.plans[rowBefore(data.plans.map(([time]) => time), now)][1], false);
     paint.strokeStyle = colours.plan;
     paint.setLineDash([8 / view.scale, 5 / view.scale]);
     paint.lineWidth = 1.5 / view.scale;
@@ -107,11 +107,14 @@
     const index = rowBefore(data.scans.time_s, now);
     if (Math.abs(now - data.scans.time_s[index]) > 2.5) return;
     const at = rowBefore(times, data.scans.time_s[index]);
-    const pose = data.own[at];
+    const [x, y, yaw] = data.own[at], [ahead, left, turned] = data.scans.mounting;
+    const from = [
+      x + ahead * Math.cos(yaw) - left * Math.sin(yaw), y + ahead * Math.sin(yaw) + left * Math.cos(yaw),
+    ];
     data.scans.ranges_dm[index].forEach((range, k) => {
       if (!range) return;
-      const angle = pose[2] + data.scans.angle_min_rad + k * data.scans.angle_increment_rad;
-      disc(pose[0] + 0.1 * range * Math.cos(angle), pose[1] + 0.1 * range * Math.sin(angle), 0, colours.scan);
+      const angle = yaw + turned + data.scans.angle_min_rad + k * data.scans.angle_increment_rad;
+      disc(from[0] + 0.1 * range * Math.cos(angle), from[1] + 0.1 * range * Math.sin(angle), 0, colours.scan);
     });
   }
 
@@ -120,7 +123,7 @@
     const clock = `${Math.floor(seconds / 60)}:${String(seconds % 60).padStart(2, '0')}`;
     const heading = ((90 - yaw * 180 / Math.PI) % 360 + 360) % 360;
     readout.textContent = `${clock}   ${speed.toFixed(1)} m/s   heading ${heading.toFixed(0).padStart(3, '0')}°` +
-      `   rudder ${(rudder * 180 / Math.PI).toFixed(0)}°` + (now >= times[last] ? `   ${data.outcome}` : '');
+      (rudder === null ? '' : `   rudder ${(rudder * 180 / Math.PI).toFixed(0)}°`) + (now >= times[last] ? `   ${data.outcome}` : '');
   }
 
   function draw() {
