@@ -34,6 +34,7 @@ COMMANDS = {
         'evaluation.evaluate', 'success rate and other metrics of a planner over many episodes'
     ),
     'train': Command('training_command', 'train a policy by MuZero or PPO; can be stopped and resumed'),
+    'average': Command('average_command', 'make one model of the mean weights of several'),
     'reproduce': Command(
         'evaluation.reproduce', "make the paper's figure, table and pictures, and an ablation"
     ),

@@ -20,7 +20,7 @@ LAYERS = (
     {'muzero', 'baselines'},
     {'evaluation'},
     {'nodes'},
-    {'cli', 'doctor', 'training_command', '__main__'},
+    {'cli', 'doctor', 'training_command', 'average_command', '__main__'},
 )
 HEIGHT = {name: height for height, names in enumerate(LAYERS) for name in names}
 HOMES = {

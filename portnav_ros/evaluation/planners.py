@@ -91,6 +91,7 @@ PLANNERS: dict[str, Callable[[Scenario, ModelOptions], Policy]] = {
     'prior': _prior,  # MuZero's policy network without the search
     'ppo': _ppo,
 }
+WITHOUT_NODE = ('extrapolation', 'foresight', 'ceiling', 'prior')  # sailed by evaluations alone
 ALGORITHMS = {'muzero': 'muzero', 'prior': 'muzero', 'ppo': 'ppo'}  # of the learned ones
 
 

@@ -9,8 +9,8 @@ from operator import itemgetter
 from typing import Any
 
 from portnav_ros.evaluation.episode_log import EpisodeLog
+from portnav_ros.evaluation.planners import WITHOUT_NODE
 from portnav_ros.evaluation.trial import SPLITS
-from portnav_ros.nodes.table import LOCAL_PLANNERS
 
 OPTIONS, CONFIGURATION = 'options', 'configuration'  # keys of the metadata
 
@@ -26,7 +26,7 @@ def rerun_command(log: EpisodeLog) -> str:
     model = options.get('model')
     if isinstance(model, Mapping):  # an evaluation's
         options |= {**model, 'model': model.get('file')}
-    evaluated = options['planner'] not in LOCAL_PLANNERS or bool(options.get('route'))
+    evaluated = options['planner'] in WITHOUT_NODE or bool(options.get('route'))
     parts = ['evaluate', *_of_split(log.seed)] if evaluated else ['demo', '--seed', str(log.seed)]
     parts += _named(options, 'difficulty', 'scenario', 'chart', 'planner', 'model')
     parts += ['--allow-mismatch'] if options.get('allow_mismatch') else []

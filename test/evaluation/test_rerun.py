@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from portnav_ros.evaluation import evaluate
-from portnav_ros.evaluation.planners import ModelOptions
+from portnav_ros.evaluation.planners import PLANNERS, WITHOUT_NODE, ModelOptions
 from portnav_ros.evaluation.rerun import rerun_command
 from portnav_ros.evaluation.trial import Trial
 
@@ -53,6 +53,11 @@ def test_a_run_of_the_graph_is_repeated_by_the_demo(straight, given, expected):
     demo.add_arguments(parser)
     parsed = parser.parse_args(others)
     assert (parsed.seed, parsed.planner, parsed.difficulty) == (7, 'muzero', 'harbour')
+
+
+def test_every_planner_has_a_node_or_is_known_to_have_none():
+    table = pytest.importorskip('portnav_ros.nodes.table')
+    assert set(PLANNERS) == {*WITHOUT_NODE, *table.LOCAL_PLANNERS}
 
 
 def test_a_configuration_has_to_be_given_again(straight):
