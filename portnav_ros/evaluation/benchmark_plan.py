@@ -14,6 +14,8 @@ import numpy as np
 from tqdm import tqdm
 
 from portnav_ros.charts import read_chart
+from portnav_ros.evaluation.options import check_at_least
+from portnav_ros.evaluation.planners import EvaluationError
 from portnav_ros.planning.plan_space import PlanSpace, Point, find_ends, prepare
 from portnav_ros.planning.route import route_length
 from portnav_ros.planning.rrt_star import CHUNK, RouteSearch, RrtStarParams, plan_in, refine
@@ -39,12 +41,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help='chart with berths (default: the shipped river_docks)',
     )
     parser.add_argument('--pairs', type=int, default=20, help='start-goal pairs (default: %(default)s)')
-    parser.add_argument('--clearance', type=float, default=30.0, metavar='M', help='of the hull, in m')
-    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument(
+        '--clearance', type=float, default=30.0, metavar='M', help='of the hull, in m (default: %(default)s)'
+    )
+    parser.add_argument('--seed', type=int, default=0, help='of pairs and plans (default: %(default)s)')
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Measure and return the figures."""
+    """Measure and return the figures.
+
+    Raises:
+        EvaluationError: a number cannot be, or the chart has no two berths.
+        PlanError: a pair of berths is not connected.
+    """
+    check_at_least(arguments, pairs=1, clearance=0, seed=0)
     return benchmark_plan(arguments.chart, arguments.pairs, arguments.clearance, arguments.seed)
 
 
@@ -61,10 +71,15 @@ def benchmark_plan(
     smoothed. Keys ``length_ratio_*`` compare with the length at the last checkpoint.
 
     Raises:
+        EvaluationError: the chart has no two berths.
         PlanError: a pair of berths is not connected.
     """
     params = RrtStarParams()
     harbour = read_chart(chart)
+    if len(harbour.berths) < 2:
+        raise EvaluationError(
+            f'--chart {chart}: has {len(harbour.berths)} berths; name a chart with two or more'
+        )
     space, prepare_s = _timed(lambda: prepare(harbour, params.resolution_m, hull_clearance_m))
     berths = [(float(x), float(y)) for x, y, _ in harbour.berths]
     ends = _draw_pairs(berths, pairs, np.random.default_rng(seed))
@@ -78,7 +93,7 @@ def benchmark_plan(
     lengths = np.array([growth.lengths_m for growth in growths])
     return {
         'chart': chart.stem,
-        'pairs': pairs,
+        'pairs': len(ends),
         'hull_clearance_m': hull_clearance_m,
         'prepare_s': prepare_s,
         'first_path_p50_s': float(np.quantile(first_s, 0.5)),

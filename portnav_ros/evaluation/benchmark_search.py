@@ -15,6 +15,10 @@ from typing import Any
 
 from tqdm import tqdm
 
+from portnav_ros.evaluation.options import check_at_least
+from portnav_ros.evaluation.planners import EvaluationError
+from portnav_ros.muzero.search import SearchParams
+from portnav_ros.params import override
 from portnav_ros.resources import share_directory
 
 CONTENDERS = ('ours', 'ours_puct', 'ours_gumbel', 'mctx_gumbel', 'mctx_muzero', 'lightzero')
@@ -37,12 +41,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         '--hidden', type=int, default=128, help='width of the networks (default: %(default)s)'
     )
     parser.add_argument('--bins', type=int, default=81, help='atoms of a head (default: %(default)s)')
-    parser.add_argument('--repeats', type=int, default=9, help='batches timed, the fastest counts')
+    parser.add_argument(
+        '--repeats', type=int, default=9, help='batches timed, the fastest counts (default: %(default)s)'
+    )
     parser.add_argument('--core', type=int, help='core to run on (default: the last one)')
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Measure and return the figures; None for a contender that is not installed."""
+    """Measure and return the figures; None for a contender that is not installed.
+
+    Raises:
+        EvaluationError, ParamError: a number cannot be.
+    """
+    _check(arguments)
     options = {
         name: getattr(arguments, name) for name in ('batch', 'simulations', 'hidden', 'bins', 'repeats')
     }
@@ -61,6 +72,17 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         released = _contend('released', options, arguments.core)
         figures |= {f'released_{key}': value for key, value in released.items()}
     return figures
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    """Refuse what every contender would die of."""
+    check_at_least(arguments, batch=1, hidden=1, bins=1, repeats=1)
+    override(SearchParams(), {'simulations': arguments.simulations}, '--simulations')
+    cores = sorted(os.sched_getaffinity(0))
+    if arguments.core is not None and arguments.core not in cores:
+        raise EvaluationError(
+            f'--core {arguments.core}: this process may run on {", ".join(map(str, cores))}'
+        )
 
 
 def _contend(name: str, options: dict[str, int], core: int | None) -> dict[str, Any]:

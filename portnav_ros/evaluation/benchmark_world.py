@@ -13,23 +13,33 @@ import numpy as np
 from numba import njit
 from tqdm import tqdm
 
+from portnav_ros.evaluation.options import check_at_least
 from portnav_ros.sim.world import World
 from portnav_ros.task.actions import setpoints_of
 from portnav_ros.task.env import PortVectorEnv
 from portnav_ros.types import YAW, Array, Array32, IntArray, Outcome
+
+STEPS_LEAST = 2  # half of them are timed part by part
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the command."""
     parser.add_argument('--difficulty', default='paper', help='name or file (default: %(default)s)')
     parser.add_argument('--batch', type=int, default=256, help='environments B (default: %(default)s)')
-    parser.add_argument('--steps', type=int, default=400, help='decisions of each environment')
-    parser.add_argument('--ports', type=int, default=16, help='ports in the pool')
-    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument(
+        '--steps', type=int, default=400, help='decisions of each environment (default: %(default)s)'
+    )
+    parser.add_argument('--ports', type=int, default=16, help='ports in the pool (default: %(default)s)')
+    parser.add_argument('--seed', type=int, default=0, help='of ports and actions (default: %(default)s)')
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Measure and return the figures."""
+    """Measure and return the figures.
+
+    Raises:
+        EvaluationError: a number cannot be.
+    """
+    check_at_least(arguments, batch=1, steps=STEPS_LEAST, ports=1, seed=0)
     env = PortVectorEnv(arguments.batch, arguments.difficulty, arguments.ports, arguments.seed)
     rng = np.random.default_rng(arguments.seed)
     actions = rng.choice(_gentle(env), size=(arguments.steps, arguments.batch))

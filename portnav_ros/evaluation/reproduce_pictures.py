@@ -13,10 +13,9 @@ from portnav_ros.evaluation import plots
 from portnav_ros.evaluation.episode_log import EpisodeLog, ScanLog
 from portnav_ros.evaluation.episodes import sail
 from portnav_ros.evaluation.metrics.table import measure
+from portnav_ros.evaluation.options import model_options
 from portnav_ros.evaluation.planners import (
-    ALGORITHMS,
     PLANNERS,
-    EvaluationError,
     ModelOptions,
     identify,
     model_of,
@@ -53,7 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument('--planner', default='muzero', choices=PLANNERS, help='default: %(default)s')
     parser.add_argument('--model', type=Path, metavar='FILE', help='of a learned planner: its weights')
-    parser.add_argument('--simulations', type=int, metavar='N', help="in place of the model's own number")
+    parser.add_argument(
+        '--simulations', type=int, metavar='N', help="in place of the model's own number; 0 follows the prior"
+    )
     parser.add_argument(
         '--allow-mismatch', action='store_true', help='sail another vessel than the model was trained for'
     )
@@ -66,7 +67,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--encounter', default='head_on', metavar='NAME', help='scenario with vessels (default: %(default)s)'
     )
-    parser.add_argument('--seed', type=int, default=0, metavar='S', help='within the split test')
+    parser.add_argument(
+        '--seed', type=int, default=0, metavar='S', help='within the split test (default: %(default)s)'
+    )
     parser.add_argument(
         '--out', type=Path, default=Path('portnav_out/pictures'), metavar='DIR', help='default: %(default)s'
     )
@@ -78,18 +81,22 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         EvaluationError: options do not fit.
         ModelError: a learned planner has no model, or it does not fit.
+        ParamError, ScenarioError: vessel or encounter cannot be made; nothing is sailed then.
     """
-    options = ModelOptions(arguments.model, arguments.simulations, arguments.allow_mismatch)
-    if options != ModelOptions() and arguments.planner not in ALGORITHMS:
-        raise EvaluationError(f'--model, --simulations and --allow-mismatch are not for {arguments.planner}')
+    options = model_options(arguments, arguments.planner)
     model = identify(arguments.planner, options)
     seed = split_seeds('test', arguments.seed, 1)[0]
+    vessel, subjects = _vessel(arguments, options), _subjects(arguments.encounter)
+    trials = {
+        name: Trial(arguments.planner, 'paper', scenario=subject.scenario, model=options)
+        for name, subject in subjects.items()
+    }
+    for trial in trials.values():
+        trial.make_planner(_scenario(trial, seed, vessel))  # all can be sailed, before one is
     arguments.out.mkdir(parents=True, exist_ok=True)
     episodes: dict[str, Any] = {}
-    vessel = _vessel(arguments, options)
-    for name, subject in _subjects(arguments.encounter).items():
-        trial = Trial(arguments.planner, 'paper', scenario=subject.scenario, model=options)
-        log = sail_subject(trial, seed, vessel)
+    for name, subject in subjects.items():
+        log = sail_subject(trials[name], seed, vessel)
         figure = encounter_figure(log, subject.title, subject.column)
         plots.save_png(figure, arguments.out / f'{name}.png')
         plots.save_svg(figure, arguments.out / f'{name}.svg')
@@ -111,11 +118,14 @@ def _vessel(arguments: argparse.Namespace, options: ModelOptions) -> VesselParam
 
 def sail_subject(trial: Trial, seed: int, vessel: VesselParams | None = None) -> EpisodeLog:
     """The log of one episode, with its scans; vessel: who sails, the scenario's own where None."""
-    scenario = trial.make_scenario(seed)
-    if vessel is not None:
-        scenario = replace(scenario, vessel=vessel)
+    scenario = _scenario(trial, seed, vessel)
     log = next(sail(trial.make_planner, [scenario], batch=1))
     return replace(log, planner=trial.planner, scans=scans_of(scenario, log))
+
+
+def _scenario(trial: Trial, seed: int, vessel: VesselParams | None) -> Scenario:
+    scenario = trial.make_scenario(seed)
+    return scenario if vessel is None else replace(scenario, vessel=vessel)
 
 
 def scans_of(scenario: Scenario, log: EpisodeLog) -> ScanLog:

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from portnav_ros.evaluation.options import check_at_least
 from portnav_ros.evaluation.planners import EvaluationError
 from portnav_ros.evaluation.provenance import command_line
 from portnav_ros.evaluation.training_fleet import Crew, train_all
@@ -115,9 +116,11 @@ def check_training(runs: Sequence[Run], arguments: argparse.Namespace) -> None:
     """Refuse at once what `portnav train` would refuse of each run later: a library or the device is missing.
 
     Raises:
+        EvaluationError: no run may work at a time, or no thread.
         ImportError: names the library.
         TrainingError: torch does not have the device.
     """
+    check_at_least(arguments, jobs=1, threads=1)
     missing = () if arguments.plot_only else {run.algorithm for run in runs if not run.finished()}
     if missing:
         from portnav_ros.training.device import check_device  # torch, which loads slowly

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from portnav_ros.charts import read_chart
-from portnav_ros.params import ParamError
+from portnav_ros.params import ParamError, override
 from portnav_ros.planning.plan_space import prepare
 from portnav_ros.planning.route import route_clearance, route_length
 from portnav_ros.planning.rrt_star import RrtStarParams, plan_in
@@ -40,9 +41,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar='M',
         help='of the hull (default: %(default)s)',
     )
-    parser.add_argument('--iterations', type=int, default=RrtStarParams.iterations, help='of RRT*')
-    parser.add_argument('--turn-radius', type=float, default=RrtStarParams.turn_radius_m, metavar='M')
-    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument(
+        '--iterations',
+        type=int,
+        default=RrtStarParams.iterations,
+        metavar='N',
+        help='of RRT* (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--turn-radius',
+        type=float,
+        default=RrtStarParams.turn_radius_m,
+        metavar='M',
+        help='what corners are widened to where there is room (default: %(default)s)',
+    )
+    parser.add_argument(
+        '--seed', type=int, default=0, metavar='S', help='of the search (default: %(default)s)'
+    )
     parser.add_argument('--out', type=Path, metavar='FILE', help='path as .geojson or .csv (x, y in m)')
 
 
@@ -53,9 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         PlanError, ChartError, ParamError: there is no path, or the input cannot be used.
     """
     write = _writer(arguments.out) if arguments.out else None
-    if arguments.clearance < 0.0 or arguments.seed < 0:
-        raise ParamError('--clearance and --seed: give 0 or more')
-    params = RrtStarParams(iterations=arguments.iterations, turn_radius_m=arguments.turn_radius)
+    params = _params(arguments)
     began_s = time.perf_counter()
     space = prepare(read_chart(arguments.chart), params.resolution_m, arguments.clearance)
     prepared_s = time.perf_counter()
@@ -69,6 +82,22 @@ def run(arguments: argparse.Namespace) -> int:
     if write is not None:
         write(path, arguments.out)
     return 0
+
+
+def _params(arguments: argparse.Namespace) -> RrtStarParams:
+    """How the route is searched, once every number can be.
+
+    Raises:
+        ParamError: names the option and the mend.
+    """
+    for option, place in (('--from', arguments.start), ('--to', arguments.goal)):
+        if not np.isfinite(place).all():
+            raise ParamError(f'{option} {place[0]} {place[1]}: give finite numbers, in m of the map frame')
+    for option, value in (('--clearance', arguments.clearance), ('--seed', arguments.seed)):
+        if not 0.0 <= value < math.inf:
+            raise ParamError(f'{option} {value}: give 0 or more, and a finite number')
+    params = override(RrtStarParams(), {'iterations': arguments.iterations}, '--iterations')
+    return override(params, {'turn_radius_m': arguments.turn_radius}, '--turn-radius')
 
 
 def _writer(out: Path) -> Callable[[Array, Path], None]:

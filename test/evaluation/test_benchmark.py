@@ -6,7 +6,8 @@ from types import ModuleType
 
 import pytest
 
-from portnav_ros.evaluation import benchmark
+from portnav_ros.cli import main
+from portnav_ros.evaluation import benchmark, benchmark_world
 from portnav_ros.evaluation.provenance import command_line, git_commit, machine
 
 
@@ -53,6 +54,38 @@ def test_an_unknown_part_or_option_is_refused(part, capsys):
         with pytest.raises(SystemExit):
             run(*words)
     assert '--laps' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        'plan --pairs 0',
+        'plan --clearance nan',
+        'plan --seed -1',
+        'world --steps 1',
+        'world --batch 0',
+        'world --ports 0',
+        'world --seed -1',
+        'search --batch 0',
+        'search --hidden 0',
+        'search --bins 0',
+        'search --repeats 0',
+        'search --simulations 0',
+        'search --core 100000',
+    ],
+)
+def test_numbers_that_cannot_be_are_refused_by_option(words, capsys):
+    assert main(['benchmark', *words.split()]) == 2
+    said = capsys.readouterr()
+    assert said.err.startswith(f'portnav: error: {words.split()[1]}')
+    assert said.out == ''
+
+
+def test_the_fewest_steps_of_the_world_are_enough():
+    parser = argparse.ArgumentParser()
+    benchmark_world.add_arguments(parser)
+    words = '--difficulty easy --batch 1 --ports 1 --steps 2'
+    assert benchmark_world.run(parser.parse_args(words.split()))['steps'] == 2
 
 
 def test_provenance_of_this_process(monkeypatch):

@@ -18,6 +18,7 @@ from portnav_ros.evaluation.reproduce_table import reward_at, table_rows
 from portnav_ros.evaluation.training_runs import merged, read_preset
 from portnav_ros.evaluation.trial import Trial
 from portnav_ros.muzero import ModelError
+from portnav_ros.params import ParamError
 from portnav_ros.resources import config_path
 from portnav_ros.sim.difficulty import load_vessel
 from portnav_ros.training.run_directory import TrainingError, plain
@@ -290,6 +291,10 @@ def test_a_mistake_in_the_cells_is_named(tmp_path, text, words):
         ('figure', '--dwa-episodes', 0),
         ('ablation', '--only', 'puct-9000'),
         ('pictures', '--planner', 'dwa', '--simulations', 3),
+        ('pictures', '--planner', 'prior', '--simulations', 3),
+        ('pictures', '--simulations', -1),
+        ('figure', '--jobs', 0),
+        ('ablation', '--threads', 0),
     ],
 )
 def test_options_that_do_not_fit_are_refused(tmp_path, words):
@@ -337,6 +342,13 @@ def test_pictures_show_the_vessel_that_the_model_was_trained_for(tmp_path, make_
         assert command(*options, '--allow-mismatch', '--out', tmp_path) == 0
     with pytest.raises(ModelError, match='trained for vessel cemt_va, not shuttle'):
         command(*options, '--vessel', 'shuttle', '--out', tmp_path)
+
+
+@pytest.mark.parametrize('option', ['--encounter', '--vessel'])
+def test_pictures_begin_with_none_where_one_cannot_be_sailed(tmp_path, option):
+    with pytest.raises(ParamError, match=r'nope\.yaml: no such file'):
+        command('pictures', '--planner', 'line_of_sight', option, 'nope', '--out', tmp_path / 'out')
+    assert not (tmp_path / 'out').exists()
 
 
 def test_pictures(tmp_path, capsys):

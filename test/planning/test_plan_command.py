@@ -8,6 +8,7 @@ from shapely.geometry import box
 from portnav_ros.charts import write_geojson
 from portnav_ros.cli import main
 from portnav_ros.evaluation.benchmark_plan import benchmark_plan
+from portnav_ros.evaluation.planners import EvaluationError
 from portnav_ros.harbour import Harbour
 
 BERTHS = np.array([[100.0, 900.0, 0.0], [1900.0, 900.0, 0.0], [1000.0, 100.0, 0.0]])
@@ -45,6 +46,35 @@ def test_what_cannot_be_planned_is_one_line_with_the_reason(
     assert '.geojson or .csv' in capsys.readouterr().err
     assert plan(chart, '--to', '1900', '900', '--clearance', '-5') == 2
     assert '--clearance' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('words', 'reason'),
+    [
+        ('--from nan 0', '--from nan 0.0: give finite numbers'),
+        ('--to 0 inf', '--to 0.0 inf: give finite numbers'),
+        ('--clearance nan', '--clearance nan: give 0 or more'),
+        ('--seed -1', '--seed -1: give 0 or more'),
+        ('--iterations 0', '--iterations: iterations = 0 is outside'),
+        ('--turn-radius nan', '--turn-radius: turn_radius_m = nan is outside'),
+    ],
+)
+def test_numbers_that_cannot_be_are_refused_by_option(
+    chart: str, words: str, reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert plan(chart, '--to', '1900', '900', *words.split()) == 2
+    assert capsys.readouterr().err.startswith(f'portnav: error: {reason}')
+
+
+def test_the_benchmark_counts_the_pairs_that_there_are(chart: str) -> None:
+    assert benchmark_plan(Path(chart), 50, 30.0, 0, (0.01,))['pairs'] == 6
+
+
+def test_the_benchmark_needs_two_berths(tmp_path: Path) -> None:
+    file = tmp_path / 'lonely.geojson'
+    write_geojson(Harbour('lonely', box(0, 0, 2000, 1000), berths=BERTHS[:1]), file)
+    with pytest.raises(EvaluationError, match='has 1 berths; name a chart with two or more'):
+        benchmark_plan(file, 2, 30.0, 0)
 
 
 def test_the_benchmark_relates_every_length_to_the_last(chart: str) -> None:
