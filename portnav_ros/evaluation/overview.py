@@ -11,11 +11,13 @@ from string import Template
 from typing import Any
 
 from portnav_ros.evaluation import plots
+from portnav_ros.evaluation.comparison import sentence
 from portnav_ros.evaluation.episode_log import EpisodeLog
 from portnav_ros.evaluation.metrics.outcome import ENDINGS
 from portnav_ros.evaluation.metrics.table import METRICS, Metric
 from portnav_ros.evaluation.plots_port import thumbnail_figure
-from portnav_ros.evaluation.report import PAGE, rerun_command
+from portnav_ros.evaluation.report import PAGE
+from portnav_ros.evaluation.rerun import rerun_command
 from portnav_ros.types import Outcome
 
 SHOWN_OF_A_KIND = 4
@@ -30,18 +32,17 @@ def write_overview(path: Path, figures: Mapping[str, Any], logs: Iterable[Episod
         logs: of failed episodes; the first few of each kind are drawn.
     """
     place = figures['scenario'] or figures['chart'] or f'difficulty {figures["difficulty"]}'
-    success, low, high = (f'{figures[key]:.1%}' for key in ('success', 'success_low', 'success_high'))
     template = Template((PAGE / 'overview.html').read_text(encoding='utf-8'))
     page = template.substitute(
         title=escape(f'{figures["planner"]} on {place}'),
         style=(PAGE / 'report.css').read_text(encoding='utf-8'),
-        headline=escape(
-            f'{figures["planner"]} on {place}: {success} success (95 % interval {low} to {high})'
-        ),
+        headline=escape(f'{figures["planner"]} on {place}: {_success(figures)}'),
         facts=escape(
             f'{figures["episodes"]} episodes · split {figures["split"]}, from seed {figures["seed"]} · '
             f'through {figures["through"]} · version {figures["version"]}, commit {figures["git_commit"]}'
         ),
+        comparison=_comparison(figures),
+        warning=_warning(figures),
         bar=''.join(_segment(ending, figures) for ending in ENDINGS),
         key=''.join(_entry(ending, figures) for ending in ENDINGS),
         figures='\n'.join(_average(metric, figures) for metric in METRICS),
@@ -51,6 +52,36 @@ def write_overview(path: Path, figures: Mapping[str, Any], logs: Iterable[Episod
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(page, encoding='utf-8')
+
+
+def _success(figures: Mapping[str, Any]) -> str:
+    if _cut_short(figures):
+        return f'{figures["success"]:.1%} success so far'
+    success, low, high = (f'{figures[key]:.1%}' for key in ('success', 'success_low', 'success_high'))
+    return f'{success} success (95 % interval {low} to {high})'
+
+
+def _cut_short(figures: Mapping[str, Any]) -> bool:
+    """Whether the first planner was: the second sails only after every episode of the first."""
+    return not figures['complete'] and 'against' not in figures
+
+
+def _comparison(figures: Mapping[str, Any]) -> str:
+    text = sentence(figures)
+    against = figures.get('against', {})
+    return (
+        f'<p>{escape(against["planner"])}: {escape(_success(against))}; {escape(text)}.</p>' if text else ''
+    )
+
+
+def _warning(figures: Mapping[str, Any]) -> str:
+    if figures['complete']:
+        return ''
+    text = f'Cut short after {figures["episodes"]} episodes: those that end first are mostly collisions.'
+    if not _cut_short(figures):
+        against = figures['against']
+        text = f'{against["planner"]} was cut short after {against["episodes"]} episodes: no comparison.'
+    return f'<p class="warning">{escape(text)}</p>'
 
 
 def _chosen(logs: Iterable[EpisodeLog]) -> Sequence[EpisodeLog]:
