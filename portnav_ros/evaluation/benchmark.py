@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import signal
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 from portnav_ros.evaluation.markdown import markdown
 from portnav_ros.evaluation.parts import declare_parts, open_part
 from portnav_ros.evaluation.provenance import machine, provenance
+from portnav_ros.evaluation.signals import terminable
 from portnav_ros.evaluation.summary import write_json
 
 PARTS = {
@@ -41,8 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
     module, parser = open_part('benchmark', name, PARTS[name], PACKAGES.get(name, 'evaluation'))
     parser.add_argument('--json', type=Path, metavar='FILE', help='write the figures')
     options = parser.parse_args(arguments.options)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: with all that it has started
-    figures: dict[str, Any] = module.run(options)
+    with terminable():  # with all that it has started
+        figures: dict[str, Any] = module.run(options)
     described = {**provenance(), **machine()}
     print(f'benchmark {name}\n{_table(figures)}\n{_table(described)}')
     if options.json:

@@ -1,8 +1,7 @@
-"""An evaluation's figures: as values for JSON, as rows for CSV, as a table for the terminal."""
+"""An evaluation's figures: as values for JSON, as a table for the terminal."""
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -30,17 +29,6 @@ def write_json(path: Path, values: Mapping[str, Any]) -> None:
     """Write values as JSON; a figure that is not known becomes null."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(_known(values), indent=2, allow_nan=False) + '\n', encoding='utf-8')
-
-
-def write_csv(path: Path, results: Sequence[EpisodeResult]) -> None:
-    """Write a row for each episode: seed, outcome and every metric."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open('w', newline='', encoding='utf-8') as file:
-        writer = csv.writer(file)
-        writer.writerow(['seed', 'outcome', *(metric.key for metric in METRICS)])
-        for result in results:
-            cells = ('' if math.isnan(value) else repr(value) for value in result.values.values())
-            writer.writerow([result.seed, result.outcome.name.lower(), *cells])
 
 
 def table(summary: Mapping[str, Any]) -> str:

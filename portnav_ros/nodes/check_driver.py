@@ -6,7 +6,6 @@ import argparse
 import json
 import math
 import os
-import signal
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +19,7 @@ from tqdm import tqdm
 from portnav_ros.evaluation.driver.checks import check_driver
 from portnav_ros.evaluation.driver.moves import STEPS, Step, check_moves, command_of, moves_left_out
 from portnav_ros.evaluation.driver.record import DriverRecord, Expected, Finding, Move
+from portnav_ros.evaluation.signals import terminable
 from portnav_ros.nodes.domain_lock import read_domain
 from portnav_ros.nodes.driver_probe import SPIN_S, DriverProbe, SpinOnce
 from portnav_ros.nodes.preparation import DISCOVERY, make_options, read_configuration
@@ -74,13 +74,13 @@ def run(arguments: argparse.Namespace) -> int:
     read_domain(os.environ)
     os.environ.setdefault(*DISCOVERY)  # as for `portnav up`
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     executor = EventsExecutor()
     probe = DriverProbe(namespace=arguments.namespace.strip('/') or None)
     try:
         executor.add_node(probe)
         room_m = arguments.room if arguments.move else None
-        findings = examine(probe, executor.spin_once, arguments.seconds, expected, room_m, tqdm.write)
+        with terminable():
+            findings = examine(probe, executor.spin_once, arguments.seconds, expected, room_m, tqdm.write)
     finally:
         probe.destroy_node()
         rclpy.try_shutdown()

@@ -16,7 +16,7 @@ from portnav_ros.nodes.preparation import BAG, read_configuration
 from portnav_ros.nodes.supervisor import Report
 from portnav_ros.types import Outcome
 
-INTERRUPTED = 130
+INTERRUPTED = (130, 143)  # by SIGINT or SIGTERM
 
 
 def run_trial(
@@ -33,7 +33,7 @@ def run_trial(
 
     Raises:
         EvaluationError: a graph ended before its episode did, or its bag is not whole.
-        KeyboardInterrupt: Ctrl-C.
+        KeyboardInterrupt: Ctrl-C or SIGTERM.
     """
     if trial.route == 'clearance':
         raise EvaluationError('--through ros: the nodes plan with RRT*; leave out --route clearance')
@@ -52,7 +52,7 @@ def run_trial(
         )
         with tempfile.TemporaryDirectory(prefix='portnav_') as folder:
             result = sail(options, configuration, Path(folder), _ignore, _say_nothing)
-            if result.code == INTERRUPTED:
+            if result.code in INTERRUPTED:
                 raise KeyboardInterrupt
             if result.outcome is Outcome.RUNNING:
                 raise EvaluationError(f'--through ros, seed {seed}: {result.message}')
