@@ -147,7 +147,7 @@ def check_model(file: Path) -> Finding:
 
 def check_kernel_cache(package: Path, environment: Mapping[str, str]) -> Finding:
     """Compiled kernels are kept, so that only the first start waits for the compiler."""
-    chosen = environment.get('NUMBA_CACHE_DIR')
+    chosen = environment.get('NUMBA_CACHE_DIR')  # which the package has set where it found a place
     folders = [Path(chosen)] if chosen else [package, Path.home()]
     for folder in folders:
         if os.access(folder, os.W_OK):

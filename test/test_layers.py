@@ -9,7 +9,7 @@ ROOT = Path(__file__).parent.parent
 FILES = sorted((ROOT / 'portnav_ros').rglob('*.py'))
 
 LAYERS = (
-    {'__init__'},
+    {'__init__', 'kernel_cache'},
     {'geometry', 'types', 'params', 'declarations', 'resources', 'findings'},
     {'harbour', 'charts', 'chart_features', 'nav2_map', 'vessel'},
     {'planning', 'control'},
