@@ -15,6 +15,17 @@ from portnav_ros.sim.scenario import LidarParams
 from portnav_ros.sim.tracks import TrackParams
 from portnav_ros.vessel import VesselParams
 
+# What a vessel's file must say, since the way to a stop depends on it and nothing else stands for it.
+OF_A_HULL = (
+    'length_m',
+    'beam_m',
+    'mass_kg',
+    'drag_kg_per_m',
+    'thrust_max_n',
+    'thrust_min_n',
+    'thrust_rate_nps',
+)
+
 
 @dataclass(frozen=True)
 class TrafficParams:
@@ -100,10 +111,16 @@ def load_vessel(name_or_path: str | Path) -> VesselParams:
     """Read a vessel preset: a name in config/vessels, or a YAML file.
 
     Raises:
-        ParamError: no such preset, an unknown key or a wrong type; names the file and the key.
+        ParamError: no such preset, an unknown or missing key or a wrong type; names the file and the key.
     """
     path = preset_path('vessels', name_or_path)
-    return override(VesselParams(name=path.stem), read_yaml(path), str(path))
+    values = read_yaml(path)
+    if missing := [key for key in OF_A_HULL if key not in values]:
+        raise ParamError(
+            f'{path}: {", ".join(missing)}: missing, and no two hulls have it alike; docs/vessel.md says how '
+            'to measure it'
+        )
+    return override(VesselParams(name=path.stem), values, str(path))
 
 
 def preset_path(folder: str, name_or_path: str | Path) -> Path:

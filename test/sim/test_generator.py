@@ -2,6 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import yaml
 from shapely.geometry import box
 
 from portnav_ros.charts import read_chart, write_geojson
@@ -9,7 +10,7 @@ from portnav_ros.geometry import polyline_lengths
 from portnav_ros.harbour import Harbour
 from portnav_ros.params import ParamError
 from portnav_ros.planning.clearance_route import least_clearance
-from portnav_ros.sim.difficulty import Difficulty, TrafficParams, load_difficulty, load_vessel
+from portnav_ros.sim.difficulty import OF_A_HULL, Difficulty, TrafficParams, load_difficulty, load_vessel
 from portnav_ros.sim.generator import ScenarioPool, chart_scenario, make_scenario
 from portnav_ros.sim.ports import PortParams
 from portnav_ros.sim.scenario import Arrival, ScenarioError
@@ -147,10 +148,27 @@ def test_pool_mixes_ports_missions_and_traffic(pool, harbour_difficulty):
         check_traffic(scenario, harbour_difficulty.traffic)
 
 
+QUIET = Difficulty(traffic=TrafficParams(vessels=0), path_length_m=(500.0, 3000.0), route='clearance')
+
+
+def test_pool_draws_a_seed_also_without_traffic():
+    pool = ScenarioPool(QUIET, 1, seed=0)
+    seeds = [pool.draw(rng).seed for rng in [np.random.default_rng(1)] * 20]
+    assert len(set(seeds)) == 20
+    assert pool.draw(np.random.default_rng(1)).seed == seeds[0]
+
+
+def test_pool_takes_the_seed_of_its_traffic(pool):
+    rng, alike = np.random.default_rng(1), np.random.default_rng(1)
+    scenario = pool.draw(rng)
+    assert scenario.seed == scenario.traffic.seed
+    alike.integers(3), alike.integers(1)
+    assert pool.draw(rng).seed != scenario.seed
+
+
 def test_pool_reports_its_progress():
     seen = []
-    quiet = Difficulty(traffic=TrafficParams(vessels=0), path_length_m=(500.0, 3000.0))
-    ScenarioPool(quiet, 2, seed=0, progress=lambda done, total: seen.append((done, total)))
+    ScenarioPool(QUIET, 2, seed=0, progress=lambda done, total: seen.append((done, total)))
     assert seen == [(1, 2), (2, 2)]
 
 
@@ -225,10 +243,15 @@ def test_unknown_names_list_what_there_is():
         load_vessel('tanker')
 
 
-def test_vessel_file_is_read_over_the_defaults(tmp_path):
+def test_vessel_file_says_all_that_no_two_hulls_have_alike(tmp_path):
     file = tmp_path / 'tug.yaml'
-    file.write_text('length_m: 30.0\nbeam_m: 11.0\n')
+    values = {key: getattr(VesselParams(), key) for key in OF_A_HULL} | {'length_m': 30.0, 'beam_m': 11.0}
+    file.write_text(yaml.safe_dump(values))
     assert load_vessel(file) == VesselParams(name='tug', length_m=30.0, beam_m=11.0)
+    del values['mass_kg'], values['thrust_min_n']
+    file.write_text(yaml.safe_dump(values))
+    with pytest.raises(ParamError, match=r'tug\.yaml: mass_kg, thrust_min_n: missing'):
+        load_vessel(file)
 
 
 def test_rrt_star_changes_the_path_alone():
