@@ -9,13 +9,14 @@ import numpy as np
 from numba import njit
 
 from portnav_ros.control.autopilot import Gains, steer
-from portnav_ros.sim.kernels import Chart, buoy_gap, quay_gap, vessel_gap
+from portnav_ros.sim.kernels import CHECK_S, Chart, buoy_gap, quay_gap, vessel_gap
 from portnav_ros.sim.traffic import Crowd, move_vessels, place_vessels
 from portnav_ros.task.path_errors import advance, path_errors
 from portnav_ros.training.sight import near_buoys, near_walls, vessels_in_sight
 from portnav_ros.types import SURGE, YAW, Array, Array32, BoolArray, IntArray, X, Y
 from portnav_ros.vessel import VesselModel, move_actuators, move_hull
 
+MOVES_PER_SECOND = round(1.0 / CHECK_S)  # as the world moves its traffic, so that both are at the same place
 STEP_S = 0.25  # of the hull; the world's own steps are finer
 STEPS = 4  # to a second
 COURSE_S = 4  # between two looks at the path
@@ -108,7 +109,8 @@ def future_of(crowd: Crowd, time_s: Array, which: BoolArray, poses: Array) -> No
             at = second + round(time_s[chosen[i]])
             if at < poses.shape[1]:
                 poses[chosen[i], at] = pose[i]
-        move_vessels(ghosts, moving, 1.0)
+        for _ in range(MOVES_PER_SECOND):
+            move_vessels(ghosts, moving, CHECK_S)
 
 
 @njit(cache=True, nogil=True)

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 
 from portnav_ros.params import ParamError
+from portnav_ros.sim.difficulty import load_difficulty
+from portnav_ros.sim.generator import make_scenario
 from portnav_ros.sim.scenario_files import load_scenario
 from portnav_ros.task.actions import ActionParams
 from portnav_ros.task.env import PortVectorEnv, TaskParams
 from portnav_ros.training.foresight import Extrapolation, Foresight, ForesightParams, best_of, regret_of
+from portnav_ros.types import Outcome
 
 OFFSETS = tuple(math.radians(a) for a in (-45.0, -20.0, 0.0, 20.0, 45.0))
 ACTIONS = ActionParams(OFFSETS, (1.0, 5.0), reference='path', hold=4)
@@ -111,6 +114,22 @@ def test_what_cannot_be_seen_is_not_told():
     blind = Foresight(env.world, ACTIONS, ForesightParams())
     outcome = outcomes(env, blind)
     assert outcome[0] == 4
+
+
+def test_vessels_are_where_it_was_told_that_they_would_be():
+    easy = dataclasses.replace(load_difficulty('easy'), route='clearance')
+    env = PortVectorEnv(
+        2, source=lambda rng: make_scenario(easy, int(rng.integers(50))), task=TaskParams(actions=ACTIONS)
+    )
+    env.reset(seed=3)
+    teacher = Foresight(env.world, ACTIONS, ForesightParams())
+    compared = 0
+    for second in range(1, 181):
+        env.world.step(np.zeros((2, 2)))
+        afloat = env.world.outcome == Outcome.RUNNING
+        compared += afloat.sum()
+        np.testing.assert_allclose(env.world.vessels[afloat], teacher.poses[afloat, second], atol=1e-6)
+    assert compared > 180
 
 
 def test_bad_holds_are_refused():
