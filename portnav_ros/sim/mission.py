@@ -18,7 +18,8 @@ from portnav_ros.sim.tracks import build_tracks
 from portnav_ros.types import Array
 
 HEADING_REACH_M = 60.0  # the own ship starts towards the path point this far ahead
-MAX_CELLS = 250_000  # of the grid on which a large chart is searched
+MAX_CELLS = 4_000_000  # of the grid on which a large chart is searched
+MAX_WATER_CELLS = 250_000  # of them on water
 
 
 class Mission(NamedTuple):
@@ -57,7 +58,18 @@ def make_site(harbour: Harbour, difficulty: Difficulty, nodes: Array | None = No
 def grid_resolution(harbour: Harbour) -> float:
     """Cell in m of the grid on which routes are planned: GRID_M, coarser on a very large chart."""
     x_min, y_min, x_max, y_max = harbour.bounds
-    return max(GRID_M, math.sqrt((x_max - x_min) * (y_max - y_min) / MAX_CELLS))
+    box_m2 = (x_max - x_min) * (y_max - y_min)
+    return max(GRID_M, math.sqrt(max(box_m2 / MAX_CELLS, harbour.water.area / MAX_WATER_CELLS)))
+
+
+def coarseness(grid: ClearanceGrid) -> str:
+    """What an error adds where a chart is too large for cells of GRID_M; nothing elsewhere."""
+    if grid.resolution_m <= GRID_M:
+        return ''
+    return (
+        f'; so large a chart has cells of {grid.resolution_m:.1f} m, not {GRID_M:.0f} m, in which narrow '
+        'water is lost: cut it to the part to sail in'
+    )
 
 
 def draw_mission(
@@ -80,7 +92,9 @@ def draw_mission(
             if best is None or excess < best[0]:
                 best = excess, _mission(site.grid, routes[start], difficulty)
     if best is None:
-        raise ScenarioError('no two berths are connected; lower path: least_m or add berths')
+        raise ScenarioError(
+            f'no two berths are connected; lower path: least_m or add berths{coarseness(site.grid)}'
+        )
     if strict:
         raise ScenarioError(
             f'no path between berths is {low:.0f} to {high:.0f} m long; widen path_length_m or the port'
@@ -122,7 +136,7 @@ def chart_nodes(harbour: Harbour, difficulty: Difficulty, rng: np.random.Generat
     if len(nodes) < 2:
         raise ScenarioError(
             f'{harbour.name}: no two places are connected by water {2.0 * least_m:.0f} m wide; '
-            'add berths, take a smaller vessel or lower path: least_m'
+            f'add berths, take a smaller vessel or lower path: least_m{coarseness(grid)}'
         )
     return nodes
 
@@ -139,7 +153,7 @@ def _random_nodes(
             return draw_berths(grid, [shapely.union_all(water)], port.berths, clearance_m, spacing_m, rng)
         except ScenarioError as error:
             reason = error
-    raise ScenarioError(f'{harbour.name}: {reason}')
+    raise ScenarioError(f'{harbour.name}: {reason}{coarseness(grid)}')
 
 
 def _off_quays(grid: ClearanceGrid, berths: Array, clearance_m: float) -> Array:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from shapely.geometry import Polygon
+import shapely
+from shapely.geometry import LineString, MultiPoint, Polygon
+from shapely.geometry.base import BaseGeometry
 
 from portnav_ros.charts import read_chart
 from portnav_ros.control.autopilot import AutopilotParams
@@ -16,7 +20,7 @@ from portnav_ros.harbour import Harbour
 from portnav_ros.params import ParamError, Ranges, check_ranges, override, read_yaml
 from portnav_ros.planning.clearance_route import RouteCost, clearance_route, round_off
 from portnav_ros.sim.difficulty import load_vessel, preset_path
-from portnav_ros.sim.mission import grid_resolution
+from portnav_ros.sim.mission import coarseness, grid_resolution
 from portnav_ros.sim.scenario import (
     PATH_SPACING_M,
     TRACK_SPACING_M,
@@ -31,6 +35,8 @@ from portnav_ros.sim.tracks import TrackParams, follow, join_tracks
 from portnav_ros.types import Array
 
 Point = tuple[float, float]
+SHORE_M = 0.01  # a line this far ashore still lies on the water
+BUOY_RADIUS_MAX_M = 100.0  # as in a chart
 
 
 @dataclass(frozen=True)
@@ -110,8 +116,10 @@ def load_scenario(name_or_path: str | Path, seed: int = 0) -> Scenario:
         seed: varies the other vessels and the buoys as the file's ``jitter`` says.
 
     Raises:
-        ParamError: no such file, an unknown key or a wrong type; names the file and the key.
-        ScenarioError: start, goal or a vessel lies outside the water, or no path leads to the goal.
+        ParamError: no such file, an unknown key, a wrong type, or a number that is not finite or no
+            radius; names the file and the key.
+        ScenarioError: start, goal, path, a buoy or a vessel's track lies outside the water, the start is
+            a goal already, or no path leads to the goal.
     """
     file = preset_path('scenarios', name_or_path)
     values = read_yaml(file)
@@ -119,7 +127,10 @@ def load_scenario(name_or_path: str | Path, seed: int = 0) -> Scenario:
     spec = override(ScenarioFile(name=file.stem), values, str(file))
     if spec.start is None or spec.goal is None:
         raise ScenarioError(f'{file}: start and goal are missing; give start: [x, y, yaw], goal: [x, y]')
+    _check_numbers(spec, vessels, file)
+    _check_ends(spec.start[:2], spec.goal, spec.goal_radius_m, file)
     harbour = _harbour(spec, seed, file)
+    _check_buoys(harbour, spec, file)
     _check_on_water(harbour, [spec.start[:2], spec.goal], f'{file}: start or goal')
     traffic = _traffic(harbour, spec, vessels, seed, file)
     path = _path(harbour, spec, spec.start[:2], spec.goal, file)
@@ -148,6 +159,36 @@ def _read_vessels(items: Any, file: Path) -> list[VesselPlan]:
         if len(plan.waypoints) < 2:
             raise ParamError(f'{file}: traffic[{i}]: waypoints: at least two points [x, y] are needed')
     return plans
+
+
+def _check_numbers(spec: ScenarioFile, vessels: list[VesselPlan], file: Path) -> None:
+    """Raise ParamError unless every coordinate is finite and every buoy has a radius."""
+    _check_finite(spec, f'{file}')
+    _check_finite(spec.jitter, f'{file}: jitter')
+    for i, vessel in enumerate(vessels):
+        _check_finite(vessel, f'{file}: traffic[{i}]')
+    for i, (_, _, radius_m) in enumerate(spec.buoys):
+        if not 0.0 < radius_m <= BUOY_RADIUS_MAX_M:
+            raise ParamError(
+                f'{file}: buoys[{i}]: radius {radius_m} m is outside (0, {BUOY_RADIUS_MAX_M:.0f}]; '
+                'give [x, y, radius]'
+            )
+
+
+def _check_finite(owner: Any, where: str) -> None:
+    for key in (item.name for item in dataclasses.fields(owner)):
+        value = getattr(owner, key)
+        if isinstance(value, tuple) and not np.isfinite(np.array(value, float)).all():
+            raise ParamError(f'{where}: {key}: holds a number that is not finite; give finite ones')
+
+
+def _check_ends(start: Point, goal: Point, radius_m: float, file: Path) -> None:
+    apart_m = math.dist(start, goal)
+    if apart_m <= radius_m:
+        raise ScenarioError(
+            f'{file}: goal: {goal} is {apart_m:.1f} m from the start and counts as reached within '
+            f'{radius_m} m; move it further off or lower goal_radius_m'
+        )
 
 
 def _harbour(spec: ScenarioFile, seed: int, file: Path) -> Harbour:
@@ -187,14 +228,48 @@ def _check_on_water(harbour: Harbour, points: list[Point], what: str) -> None:
         raise ScenarioError(f'{what}: {tuple(points[dry[0]])} lies on land; move it onto the water')
 
 
+def _check_buoys(harbour: Harbour, spec: ScenarioFile, file: Path) -> None:
+    """Raise ScenarioError unless each buoy lies on water wherever a seed puts it."""
+    reach = np.array([(-1, -1), (-1, 1), (1, 1), (1, -1)]) * spec.jitter.buoys_m
+    for i, (x, y, _) in enumerate(spec.buoys):
+        dry = _dry_point(harbour, MultiPoint(np.array([x, y]) + reach).convex_hull)
+        if dry is not None:
+            raise ScenarioError(
+                f'{file}: buoys[{i}]: {dry} lies on land; move the buoy onto the water'
+                f'{" or lower jitter: buoys_m" if any(spec.jitter.buoys_m) else ""}'
+            )
+
+
+def _check_line(harbour: Harbour, line: Array, what: str) -> None:
+    """Raise ScenarioError unless all of a polyline [W, 2] lies on water."""
+    dry = _dry_point(harbour, LineString(line))
+    if dry is not None:
+        raise ScenarioError(f'{what} crosses land at {dry}; lead it round by more points on the water')
+
+
+def _dry_point(harbour: Harbour, shape: BaseGeometry) -> Point | None:
+    """Return a place, to 0.1 m, where a shape lies more than SHORE_M ashore; None without one."""
+    if shapely.covers(harbour.water, shape):
+        return None
+    ashore = shape.difference(harbour.water.buffer(SHORE_M))
+    if ashore.is_empty:
+        return None
+    place = max(shapely.get_parts(ashore), key=shapely.length).centroid
+    return round(place.x, 1), round(place.y, 1)
+
+
 def _path(harbour: Harbour, spec: ScenarioFile, start: Point, goal: Point, file: Path) -> Array:
     if spec.path:
-        return resample_polyline(np.array([start, *spec.path, goal]), PATH_SPACING_M)
+        legs = np.array([start, *spec.path, goal])
+        _check_line(harbour, legs, f'{file}: path: a leg')
+        return resample_polyline(legs, PATH_SPACING_M)
     grid = harbour.clearance(grid_resolution(harbour), buoys='charted')
     try:
         route = clearance_route(grid, start, goal, spec.route, PATH_SPACING_M)
     except ValueError as error:
-        raise ScenarioError(f'{file}: {error}; give path or lower route: least_m') from error
+        raise ScenarioError(
+            f'{file}: {error}; give path or lower route: least_m{coarseness(grid)}'
+        ) from error
     return resample_polyline(round_off(grid, route, spec.rounding_m, spec.route.least_m), PATH_SPACING_M)
 
 
@@ -210,6 +285,7 @@ def _traffic(
         waypoints = _moved_aside(np.array(vessel.waypoints), across_m)
         _check_on_water(harbour, [(x, y) for x, y in waypoints], f'{file}: traffic[{i}]: waypoints')
         tracks.append(follow(waypoints, TrackParams()))
+        _check_line(harbour, tracks[-1][:, :2].astype(float), f'{file}: traffic[{i}]: waypoints: the track')
         along_m = spec.jitter.along_m * rng.random()
         progress.append(min(along_m, (len(tracks[-1]) - 1) * TRACK_SPACING_M))
     count = len(vessels)

@@ -1,3 +1,4 @@
+import dataclasses
 import math
 
 import numpy as np
@@ -52,6 +53,11 @@ def test_every_decision_is_paid_once(straight):
 def test_track_over_plan_counts_what_was_left(straight):
     assert path_over_plan(straight()) == pytest.approx(1.0)
     assert math.isnan(path_over_plan(straight(outcome=Outcome.COLLISION_QUAY)))
+
+
+def test_a_plan_without_length_has_no_detour(straight):
+    log = straight()
+    assert math.isnan(path_over_plan(dataclasses.replace(log, path=np.repeat(log.path[:1], 2, axis=0))))
 
 
 def test_control_effort_flat_out_and_idle(straight):

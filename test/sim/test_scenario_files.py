@@ -4,11 +4,16 @@ import pytest
 from portnav_ros.charts import write_geojson
 from portnav_ros.params import ParamError
 from portnav_ros.planning.clearance_route import least_clearance
+from portnav_ros.sim.difficulty import preset_path
 from portnav_ros.sim.generator import load_scenario
 from portnav_ros.sim.scenario import Arrival, ScenarioError
 
 NAMES = ('head_on', 'crossing', 'overtaking', 'buoy', 'narrows', 'no_traffic')
 CANAL = 'water: [[0, -200], [3000, -200], [3000, 200], [0, 200]]\n'
+PIER = (
+    'water: [[0, -200], [1450, -200], [1450, 100], [1550, 100], [1550, -200], [3000, -200],'
+    ' [3000, 200], [0, 200]]\n'
+)
 ENDS = 'start: [200, 0, 0.0]\ngoal: [2700, 0]\n'
 
 
@@ -69,6 +74,13 @@ def test_vessels_stop_or_vanish_as_told(tmp_path):
         (CANAL + ENDS + 'traffic: [{waypoint: []}]\n', "traffic[0]: unknown key 'waypoint'"),
         (CANAL + ENDS + 'traffic: [{waypoints: [[1, 0]]}]\n', 'traffic[0]: waypoints: at least two'),
         (CANAL + ENDS + 'arrival: respawn\n', "arrival: 'respawn' is not one of stop, vanish"),
+        (CANAL + 'start: [200, 0, .nan]\ngoal: [2700, 0]\n', 'start: holds a number that is not finite'),
+        (CANAL + ENDS + 'path: [[.nan, 0]]\n', 'path: holds a number that is not finite'),
+        (CANAL + ENDS + 'buoys: [[1000, .inf, 2]]\n', 'buoys: holds a number that is not finite'),
+        (CANAL + ENDS + 'jitter: {buoys_m: [.inf, 0]}\n', 'jitter: buoys_m: holds a number'),
+        (CANAL + ENDS + 'traffic: [{waypoints: [[1, 0], [.nan, 0]]}]\n', 'traffic[0]: waypoints: holds'),
+        (CANAL + ENDS + 'buoys: [[900, 0, 2], [1000, 0, -50]]\n', 'buoys[1]: radius -50.0 m is outside'),
+        (CANAL + ENDS + 'buoys: [[1000, 0, 0]]\n', 'buoys[0]: radius 0.0 m is outside'),
     ],
 )
 def test_bad_keys_name_file_and_key(tmp_path, text, message):
@@ -86,6 +98,22 @@ def test_bad_keys_name_file_and_key(tmp_path, text, message):
         ('water: [[0, 0], [1, 1]]\n' + ENDS, 'at least three corners'),
         (CANAL + 'start: [200, 900, 0.0]\ngoal: [2700, 0]\n', 'lies on land; move it onto the water'),
         (CANAL + ENDS + 'traffic: [{waypoints: [[1, 0], [1, 999]]}]\n', 'traffic[0]: waypoints'),
+        (CANAL + 'start: [200, 0, 0.0]\ngoal: [200, 0]\n', 'goal: (200.0, 0.0) is 0.0 m from the start'),
+        (CANAL + 'start: [200, 0, 0.0]\ngoal: [250, 0]\n', 'or lower goal_radius_m'),
+        (CANAL + ENDS + 'path: [[1500, 5000]]\n', 'path: a leg crosses land at'),
+        (PIER + ENDS + 'path: [[1000, 0], [2000, 0]]\n', 'path: a leg crosses land at (1500.0, '),
+        (
+            CANAL + ENDS + 'buoys: [[1000, 0, 5], [1200, 9000, 5]]\n',
+            'buoys[1]: (1200.0, 9000.0) lies on land',
+        ),
+        (
+            CANAL + ENDS + 'buoys: [[1000, 150, 5]]\njitter: {buoys_m: [0, 60]}\n',
+            'move the buoy onto the water or lower jitter: buoys_m',
+        ),
+        (
+            PIER + ENDS + 'path: [[1500, 150]]\ntraffic: [{waypoints: [[2500, 0], [500, 0]]}]\n',
+            'traffic[0]: waypoints: the track crosses land at (1500.0, ',
+        ),
         (CANAL + ENDS + 'route: {least_m: 250.0}\n', 'give path or lower route: least_m'),
     ],
 )
@@ -94,6 +122,20 @@ def test_scenarios_that_cannot_be_sailed_are_refused(tmp_path, text, message):
         load_text(tmp_path, text)
     assert str(tmp_path / 'own.yaml') in str(caught.value)
     assert message in str(caught.value)
+
+
+def test_lines_along_a_quay_and_a_moored_vessel_lie_on_water(tmp_path):
+    bent = 'water: [[0, -200], [3000, -200], [3000, 200], [1500, 33.3], [0, 200]]\n'
+    quay = 'path: [[900, 99.985], [1500, 33.3], [2100, 99.985]]\n'
+    moored = 'traffic: [{waypoints: [[1000, -100], [1000, -100]], speed_mps: 0}]\n'
+    scenario = load_text(tmp_path, bent + ENDS + quay + moored)
+    assert len(scenario.traffic) == 1
+
+
+@pytest.mark.parametrize('file', sorted(preset_path('scenarios', 'head_on').parent.glob('*.yaml')), ids=str)
+def test_every_seed_of_a_shipped_scenario_lies_on_water(file):
+    for seed in range(30):
+        assert load_scenario(file, seed).seed == seed
 
 
 def test_unknown_scenario_lists_what_there_is():
