@@ -88,9 +88,11 @@ class PortParams:
 
 def _check_intervals(params: PortParams) -> None:
     positive = ('section_length_m', 'width_m', 'canal_length_m', 'canal_width_m', 'basin_width_m')
-    for name in (*positive, 'basin_depth_m', 'basins', 'buoys', 'centre_offset_m', 'canal_bend_rad'):
+    either_sign = ('centre_offset_m', 'canal_bend_rad', 'basin_skew_rad')
+    for name in (*positive, *either_sign, 'basin_depth_m', 'basins', 'buoys'):
         low, high = getattr(params, name)
-        if low > high or (name in positive and low <= 0.0) or (name in ('basins', 'buoys') and low < 0):
+        sound = math.isfinite(low) and math.isfinite(high) and low <= high
+        if not sound or (name in positive and low <= 0.0) or (name in ('basins', 'buoys') and low < 0):
             raise ParamError(f'{name} = [{low}, {high}] is not an interval of allowed values')
 
 

@@ -104,7 +104,19 @@ def test_port_without_room_says_what_to_change():
         port('basins', 0, buoys=(60, 60), buoy_spacing_m=900.0)
 
 
-@pytest.mark.parametrize('bad', [{'width_m': (900.0, 300.0)}, {'basins': (-1, 2)}, {'sections': 0}])
+@pytest.mark.parametrize(
+    'bad',
+    [
+        {'width_m': (900.0, 300.0)},
+        {'basins': (-1, 2)},
+        {'sections': 0},
+        {'basin_skew_rad': (0.2, -0.2)},
+        {'canal_bend_rad': (np.nan, np.nan)},
+        {'canal_width_m': (300.0, np.inf)},
+        {'centre_offset_m': (-np.inf, 0.0)},
+        {'basin_depth_m': (550.0, np.nan)},
+    ],
+)
 def test_bad_parameters_are_refused(bad):
     with pytest.raises(ParamError, match=next(iter(bad))):
         PortParams(**bad)
