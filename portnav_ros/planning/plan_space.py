@@ -67,8 +67,13 @@ def find_ends(space: PlanSpace, start_xy: Point, goal_xy: Point, snap_m: float) 
     """Snap start and goal to the nearest connected water that the hull clears.
 
     Raises:
-        PlanError: an end lies outside the chart, on land or in a buoy, or the two are not connected.
+        PlanError: an end is not finite or lies outside the chart, on land or in a buoy, or the two are not
+            connected.
     """
+    if not np.isfinite(start_xy).all():
+        raise PlanError(PlanFailure.START_OCCUPIED, _nowhere('start', start_xy))
+    if not np.isfinite(goal_xy).all():
+        raise PlanError(PlanFailure.GOAL_OUTSIDE_MAP, _nowhere('goal', goal_xy))
     x_min, y_min, x_max, y_max = space.harbour.bounds
     if not (x_min <= goal_xy[0] <= x_max and y_min <= goal_xy[1] <= y_max):
         raise PlanError(PlanFailure.GOAL_OUTSIDE_MAP, f'the goal {_text(goal_xy)} is outside the chart')
@@ -130,6 +135,10 @@ def _in_buoy(harbour: Harbour, xy: Point) -> bool:
 
 def _occupied(which: str, xy: Point, margin_m: float, snap_m: float) -> str:
     return f'the {which} {_text(xy)} is on land or has no water {margin_m} m clear of all within {snap_m} m'
+
+
+def _nowhere(which: str, xy: Point) -> str:
+    return f'the {which} {_text(xy)} is no place; give finite x and y, in m of the map frame'
 
 
 def _text(xy: Point) -> str:

@@ -92,6 +92,14 @@ def test_reasons(space: PlanSpace) -> None:
     assert reason(space, START, (1000.0, 151.0)) == 'GOAL_OCCUPIED'
 
 
+@pytest.mark.parametrize('bad', [(np.nan, 0.0), (np.inf, 0.0), (0.0, -np.inf)])
+def test_ends_that_are_no_place_are_refused(space: PlanSpace, bad: tuple[float, float]) -> None:
+    assert reason(space, bad, GOAL) == 'START_OCCUPIED'
+    assert reason(space, START, bad) == 'GOAL_OUTSIDE_MAP'
+    with pytest.raises(PlanError, match=r'the start .* is no place; give finite x and y'):
+        plan_in(space, bad, bad, PARAMS, 0)
+
+
 def test_water_that_is_not_connected_is_told_at_once() -> None:
     harbour = Harbour('lakes', box(0, 0, 1000, 400) | box(1100, 0, 2000, 400))
     endless = RrtStarParams(iterations_max=100_000_000, time_limit_s=3600.0)
