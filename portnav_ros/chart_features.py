@@ -100,12 +100,17 @@ def _kind(properties: Mapping[str, Any], where: str) -> str:
 
 
 def _yaw(properties: Mapping[str, Any], where: str) -> float:
-    """Yaw in rad from ``yaw_rad``, or from the compass course ``heading_deg``: yaw = pi/2 - heading."""
+    """Yaw in rad from ``yaw_rad``, or from the compass course ``heading_deg``: yaw = pi/2 - heading.
+
+    0 where the berth has neither.
+    """
     given = [key for key in ('yaw_rad', 'heading_deg') if key in properties]
-    if len(given) != 1:
+    if len(given) == 0:
+        return 0.0
+    if len(given) > 1:
         raise ChartError(
-            f'{where}: a berth needs either yaw_rad (counter-clockwise from east) or heading_deg '
-            '(clockwise from north)'
+            f'{where}: a berth has either yaw_rad (counter-clockwise from east) or heading_deg '
+            '(clockwise from north); leave one out'
         )
     value = _number(properties, given[0], where)
     if given[0] == 'heading_deg':

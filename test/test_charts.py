@@ -80,6 +80,11 @@ def test_buoys_and_berths_take_their_properties(tmp_path):
     assert harbour.name == 'Named'
 
 
+def test_a_berth_needs_no_heading(tmp_path):
+    harbour = read(tmp_path, WATER, point('berth', 100, 30))
+    np.testing.assert_array_equal(harbour.berths, [[100, 30, 0]])
+
+
 def test_an_empty_cell_of_an_attribute_table_is_no_property(tmp_path):
     empty = {'radius_m': None, 'charted': None, 'yaw_rad': None}
     harbour = read(
@@ -196,8 +201,7 @@ BAD_FEATURES = [
     (point('buoy', 50, 50, radius_m='2'), r"radius_m = '2' must be a finite number"),
     (point('buoy', 50, 50, radius_m=0), r'radius_m = 0.0 is outside \(0, 100\]'),
     (point('buoy', 50, 50, charted='no'), "charted = 'no' must be true or false"),
-    (point('berth', 50, 50), 'a berth needs either yaw_rad .* or heading_deg'),
-    (point('berth', 50, 50, yaw_rad=0.1, heading_deg=1), 'a berth needs either'),
+    (point('berth', 50, 50, yaw_rad=0.1, heading_deg=1), 'a berth has either yaw_rad .* or heading_deg'),
     (point('berth', 50, 50, yaw_rad=math.inf), 'yaw_rad = inf must be a finite number'),
     (point('berth', 50, 50, yaw_rad=10**400), 'yaw_rad = 1000.* must be a finite number'),
     (point('berth', 450, 50, yaw_rad=0), 'feature 1: this berth lies on land or off the chart'),
