@@ -96,10 +96,13 @@ class Observer:
         """Allocate for B vessels with one kind of sensor.
 
         Raises:
-            ParamError: the rays cannot be pooled into equal sectors.
+            ParamError: the layout is stacked, and there are fewer rays than sectors.
         """
-        if params.layout == 'stacked' and lidar.rays % params.sectors:
-            raise ParamError(f'sectors = {params.sectors} does not divide the {lidar.rays} rays of the lidar')
+        if params.layout == 'stacked' and lidar.rays < params.sectors:
+            raise ParamError(
+                f'lidar.rays = {lidar.rays} are fewer than observation.sectors = {params.sectors}: '
+                f'give the sensor at least {params.sectors} rays, or ask for at most {lidar.rays} sectors'
+            )
         self.params = params
         self._scales = Scales(
             params.sectors,
@@ -129,6 +132,11 @@ class Observer:
     def errors(self) -> Array:
         """Path errors [B, 3] at the last update: e_x, e_y in m (body frame), e_psi in rad."""
         return self._errors
+
+    @property
+    def begun(self) -> BoolArray:
+        """Which vessels [B] have been observed since their reset, so that they have a path."""
+        return ~np.isnan(self._last_yaw)
 
     @property
     def progress(self) -> Array:

@@ -116,11 +116,14 @@ def write_aligned_rows(
 
 @njit(cache=True, nogil=True)
 def _pool(ranges: Array32, range_max_m: float, out: Array32) -> None:
-    """Least range of each sector as a share of the sensor's reach; an invalid ray reads as far."""
-    width = len(ranges) // len(out)
-    for s in range(len(out)):
+    """Least range of each of S sectors as a share of the sensor's reach; an invalid ray reads as far.
+
+    Each of at least S rays belongs to one sector; where S does not divide them, some have one ray more.
+    """
+    rays, sectors = len(ranges), len(out)
+    for s in range(sectors):
         least = range_max_m
-        for i in range(s * width, (s + 1) * width):
+        for i in range(s * rays // sectors, (s + 1) * rays // sectors):
             if ranges[i] < least:
                 least = ranges[i]
         out[s] = max(least, 0.0) / range_max_m

@@ -1,14 +1,19 @@
 """The feature vector: layout, memory, rows."""
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
 import pytest
 
+from portnav_ros.evaluation import episodes
+from portnav_ros.evaluation.planners import make_planner
 from portnav_ros.params import ParamError
 from portnav_ros.sim.scenario import LidarParams
+from portnav_ros.sim.scenario_files import load_scenario
 from portnav_ros.task.observation import ObservationParams, Observer
+from portnav_ros.types import Outcome
 
 LIDAR = LidarParams()
 PARAMS = ObservationParams()
@@ -84,6 +89,34 @@ def test_rows_are_independent_and_unnamed_rows_stay():
     np.testing.assert_array_equal(only[1], features[1])
 
 
-def test_sectors_must_divide_the_rays():
-    with pytest.raises(ParamError, match='sectors'):
-        Observer(1, LIDAR, dataclasses.replace(PARAMS, sectors=7))
+def pooled(ranges):
+    """Features of the sectors of one scan, in m."""
+    watch = Observer(1, dataclasses.replace(LIDAR, rays=ranges.shape[1]), PARAMS)
+    watch.reset(np.ones(1, dtype=bool), [LEG])
+    return frames(watch.update(own(), ranges, STILL))[0, 0, : PARAMS.sectors] * LIDAR.range_max_m
+
+
+@pytest.mark.parametrize('rays', [60, 61, 100, 128, 180, 1024])
+def test_every_ray_belongs_to_the_one_sector_that_it_looks_into(rays):
+    drawn = np.random.default_rng(rays).uniform(1.0, 399.0, (1, rays)).astype(np.float32)
+    edges = np.arange(PARAMS.sectors + 1) * rays // PARAMS.sectors
+    assert (np.abs(edges - np.arange(PARAMS.sectors + 1) * rays / PARAMS.sectors) < 1.0).all()
+    expected = [drawn[0, a:b].min() for a, b in itertools.pairwise(edges)]
+    np.testing.assert_allclose(pooled(drawn), expected, rtol=1e-6)
+
+
+def test_fewer_rays_than_sectors_are_refused_with_the_mend():
+    with pytest.raises(
+        ParamError, match=r'lidar\.rays = 59 .* observation\.sectors = 60: give .* at least 60'
+    ):
+        Observer(1, dataclasses.replace(LIDAR, rays=59), PARAMS)
+
+
+@pytest.mark.parametrize('planner', ['dwa', 'line_of_sight'])
+@pytest.mark.parametrize('rays', [128, 1024])
+def test_planners_that_read_no_features_sail_with_any_number_of_rays(planner, rays):
+    scenario = load_scenario('no_traffic')
+    sensor = dataclasses.replace(scenario.lidar, rays=rays)
+    sailed = dataclasses.replace(scenario, lidar=sensor)
+    log = next(episodes.sail(lambda first: make_planner(planner, first), [sailed], 1))
+    assert log.outcome == Outcome.SUCCESS
