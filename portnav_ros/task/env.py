@@ -45,7 +45,8 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
 
     Observations [B, F] float32 are scaled to about 1; actions [B] number the 27 setpoints. ``infos``
     holds ``outcome`` [B] (types.Outcome), ``errors`` [B, 3] (m, m, rad), ``reward_terms`` [B, 5], and
-    where an episode has ended ``final_obs`` [B, F] and ``_final_obs`` [B].
+    where an episode has ended ``final_obs`` [B, F] and ``final_info``, these three with the masks [B] of
+    whom they are final for, ``_final_obs`` and ``_final_info`` [B].
     """
 
     def __init__(
@@ -109,16 +110,19 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
     ) -> tuple[Array32, dict[str, Any]]:
         """Start new episodes, all B or those of ``options['reset_mask']`` [B].
 
-        Slot b is seeded with ``seed + b``, or by its entry of a list.
+        Slot b is seeded with ``seed + b``, or by its entry of a list; without, it draws on.
+
+        Raises:
+            ParamError: the mask is not B booleans.
+            gymnasium.error.ResetNeeded: the mask leaves out a vessel that has never been reset.
         """
+        which = self._mask((options or {}).get('reset_mask'))
         if isinstance(seed, (int, np.integer)):
             seed = [int(seed) + b for b in range(self.num_envs)]
         for b, value in enumerate(() if seed is None else seed):
             if value is not None:
                 self._generators[b] = np.random.default_rng(value)
-        everyone = np.ones(self.num_envs, dtype=bool)
-        features = self._begin((options or {}).get('reset_mask', everyone))
-        return features.copy(), self._info()
+        return self._begin(which).copy(), self._info()
 
     def step(self, actions: IntArray) -> tuple[Array32, Array, BoolArray, BoolArray, dict[str, Any]]:
         """Sail B vessels for one action: a decision period, or as many as an action is held for.
@@ -127,20 +131,18 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
 
         Raises:
             gymnasium.error.InvalidAction: an action is not in the action space.
+            gymnasium.error.ResetNeeded: nothing has begun yet, by `reset`, `copy` or `load_state_dict`.
         """
-        actions = np.asarray(actions)
-        if actions.shape != (self.num_envs,) or (actions < 0).any() or (actions >= len(self._table)).any():
-            raise gymnasium.error.InvalidAction(
-                f'{actions!r}: expected {self.num_envs} below {len(self._table)}'
-            )
-        features, terms = self._sail(actions)
+        if not self._observer.begun.any():
+            raise gymnasium.error.ResetNeeded('call reset() before step()')
+        features, terms = self._sail(self._checked(actions))
         outcome = self._world.outcome.copy()
         infos = self._info(terms)
         truncated = outcome == Outcome.TIMEOUT
         terminated = (outcome != Outcome.RUNNING) & ~truncated
         ended = terminated | truncated
         if ended.any() and self.metadata['autoreset_mode'] is AutoresetMode.SAME_STEP:
-            infos['final_obs'], infos['_final_obs'] = features.copy(), ended
+            infos |= _final(features, infos, ended)
             features = self._begin(ended)
         return features.copy(), terms.sum(axis=1), terminated, truncated, infos
 
@@ -169,6 +171,29 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
         saved = json.loads(str(state['generators']))
         for generator, value in zip(self._generators, saved, strict=True):
             generator.bit_generator.state = value
+
+    def _mask(self, mask: Any) -> BoolArray:
+        """Whom to reset [B], everyone by default."""
+        if mask is None:
+            return np.ones(self.num_envs, dtype=bool)
+        which: BoolArray = np.asarray(mask)
+        if which.dtype != bool or which.shape != (self.num_envs,):
+            raise ParamError(
+                f'reset_mask of type {which.dtype} and shape {which.shape} must be of type bool '
+                f'and shape ({self.num_envs},), true for whom to reset'
+            )
+        if not (which | self._observer.begun).all():
+            raise gymnasium.error.ResetNeeded('call reset() without reset_mask first, for all vessels')
+        return which
+
+    def _checked(self, actions: Any) -> IntArray:
+        numbers = np.asarray(actions)
+        whole = np.issubdtype(numbers.dtype, np.integer) and numbers.shape == (self.num_envs,)
+        if not whole or (numbers < 0).any() or (numbers >= len(self._table)).any():
+            raise gymnasium.error.InvalidAction(
+                f'{actions!r}: expected {self.num_envs} integers from 0 to {len(self._table) - 1}'
+            )
+        return numbers
 
     def _sail(self, actions: IntArray) -> tuple[Array32, Array]:
         """Hold the setpoints for the decision periods of an action; return features and summed terms."""
@@ -216,6 +241,17 @@ class PortVectorEnv(VectorEnv[Array32, IntArray, Any]):
         }
 
 
+def _final(features: Array32, infos: dict[str, Any], ended: BoolArray) -> dict[str, Any]:
+    """What Gymnasium asks for of the episodes that have `ended` [B] and are followed in the same step."""
+    masks = {f'_{key}': ended for key in infos}
+    return {
+        'final_obs': features.copy(),
+        '_final_obs': ended,
+        'final_info': {**infos, **masks},
+        '_final_info': ended,
+    }
+
+
 def _autoreset(mode: AutoresetMode | str) -> AutoresetMode:
     for known in (AutoresetMode.SAME_STEP, AutoresetMode.DISABLED):
         if mode in (known, known.value):
@@ -236,19 +272,28 @@ class PortEnv(gymnasium.Env[Array32, int]):
         """Prepare the ports; takes the options of `PortVectorEnv` but num_envs."""
         self.render_mode = render_mode
         self._batch = PortVectorEnv(1, autoreset_mode=AutoresetMode.DISABLED, **options)
+        self._seeded = False
         self.observation_space = self._batch.single_observation_space
         self.action_space = self._batch.single_action_space
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array32, dict[str, Any]]:
-        """Start a new episode."""
+        """Start a new episode; the first without a seed is seeded at random, later ones draw on."""
         super().reset(seed=seed)
+        if seed is None and not self._seeded:
+            seed = int(self.np_random.integers(2**32))
+        self._seeded = True
         features, info = self._batch.reset(seed=seed)
         return features[0], _first(info)
 
     def step(self, action: int) -> tuple[Array32, float, bool, bool, dict[str, Any]]:
-        """Sail for one decision period."""
+        """Sail for one action.
+
+        Raises:
+            gymnasium.error.InvalidAction: the action is not in the action space.
+            gymnasium.error.ResetNeeded: there was no reset yet.
+        """
         features, reward, terminated, truncated, info = self._batch.step(np.array([action]))
         return features[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first(info)
 

@@ -13,7 +13,7 @@ from portnav_ros.params import ParamError
 from portnav_ros.sim.scenario import ScenarioError
 from portnav_ros.sim.scenario_files import load_scenario
 from portnav_ros.task.actions import ActionParams
-from portnav_ros.task.env import PortVectorEnv, TaskParams
+from portnav_ros.task.env import PortEnv, PortVectorEnv, TaskParams
 from portnav_ros.task.observation import ObservationParams
 from portnav_ros.task.reward import RewardParams, reward_terms
 from portnav_ros.types import Outcome
@@ -167,6 +167,66 @@ def test_an_action_out_of_range_is_refused():
     env.reset(seed=0)
     with pytest.raises(gymnasium.error.InvalidAction):
         env.step(np.array([27]))
+
+
+@pytest.mark.parametrize(
+    'actions', [np.full(2, 14.0), np.ones(2, dtype=bool), np.full(2, -1), np.full(3, 14)]
+)
+def test_what_does_not_number_an_action_of_each_vessel_is_refused(actions):
+    env = vector(2)
+    env.reset(seed=0)
+    with pytest.raises(gymnasium.error.InvalidAction, match='2 integers from 0 to 26'):
+        env.step(actions)
+
+
+def test_a_single_action_that_is_no_integer_is_refused():
+    env = PortEnv(difficulty='easy', ports=1)
+    env.reset(seed=0)
+    with pytest.raises(gymnasium.error.InvalidAction):
+        env.step(14.0)
+
+
+def test_a_step_before_the_first_reset_is_refused():
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        vector(2).step(np.full(2, STRAIGHT))
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        vector(2).reset(options={'reset_mask': np.array([True, False])})
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        PortEnv(difficulty='easy', ports=1).step(STRAIGHT)
+
+
+@pytest.mark.parametrize('mask', [np.array([0, 1, 0]), np.array([True, False]), np.array([0.0, 1.0, 0.0])])
+def test_a_mask_that_is_not_a_boolean_of_each_vessel_is_refused(mask):
+    env = vector(3)
+    env.reset(seed=0)
+    before = env.world.own.copy()
+    with pytest.raises(ParamError, match=r'reset_mask of type .* must be of type bool and shape \(3,\)'):
+        env.reset(options={'reset_mask': mask})
+    np.testing.assert_array_equal(env.world.own, before)
+
+
+def test_environments_reset_without_a_seed_are_not_alike():
+    envs = [PortEnv(difficulty='easy', ports=1) for _ in range(3)]
+    starts = [env.reset()[0] for env in envs]
+    assert not np.array_equal(starts[0], starts[1]) or not np.array_equal(starts[0], starts[2])
+
+
+def test_resets_after_a_seeded_one_draw_on():
+    first, second = (PortEnv(difficulty='easy', ports=1) for _ in range(2))
+    for seed in (3, None, None):
+        a, b = first.reset(seed=seed)[0], second.reset(seed=seed)[0]
+        np.testing.assert_array_equal(a, b)
+
+
+def test_what_was_last_told_of_an_ended_episode_is_its_final_info():
+    _, _, terminated, truncated, infos = run_until_an_end(vector())
+    ended = terminated | truncated
+    final = infos['final_info']
+    np.testing.assert_array_equal(infos['_final_info'], ended)
+    for key in ('outcome', 'errors', 'reward_terms'):
+        np.testing.assert_array_equal(final[key][ended], infos[key][ended])
+        np.testing.assert_array_equal(final[f'_{key}'], ended)
+    assert (final['outcome'][ended] != Outcome.RUNNING).all()
 
 
 def test_a_scenario_without_a_path_is_refused():
