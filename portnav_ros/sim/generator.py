@@ -150,7 +150,8 @@ class ScenarioPool:
         site, missions = self._sites[int(rng.integers(len(self._sites)))]
         mission = missions[int(rng.integers(len(missions)))]
         traffic = draw_traffic(site.tracks, mission.start, self.difficulty.traffic, rng)
-        return _compose(self.difficulty, self._vessel, traffic.seed, site.harbour, mission, traffic)
+        seed = traffic.seed if len(traffic) else int(rng.integers(2**31))
+        return _compose(self.difficulty, self._vessel, seed, site.harbour, mission, traffic)
 
 
 def _prepare(difficulty: Difficulty, seed: int, route: Route | None) -> tuple[Site, list[Mission]]:

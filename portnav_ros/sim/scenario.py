@@ -74,7 +74,8 @@ class Traffic:
     """Other vessels [M]: constant speed along tracks, not reactive.
 
     hull: [M, 2] length and beam in m. speed: [M] m/s. track: [M] the track each starts on.
-    progress: [M] m along it. seed: draws the next track at each arrival.
+    progress: [M] m along it. seed: draws the next track at each arrival, and the sensor's noise; without
+    a vessel the scenario's seed draws the noise.
     """
 
     tracks: Tracks

@@ -23,8 +23,9 @@ class Crowd(NamedTuple):
 
     points: [B, P, 3], offsets: [B, N + 1], origin, destination: [B, N] as in scenario.Tracks.
     tracks, vessels: [B] numbers in use. hull: [B, M, 2] m. speed: [B, M] m/s. arrival: [B].
-    seed: [B]. track, leg: [B, M]. progress: [B, M] m along the track. turn: [B, M] rad still to turn
-    before sailing. pose: [B, M, 4] x, y, yaw, speed; NaN for a vessel that has vanished.
+    seed: [B], of the next tracks and of the sensor's noise. track, leg: [B, M]. progress: [B, M] m along
+    the track. turn: [B, M] rad still to turn before sailing. pose: [B, M, 4] x, y, yaw, speed; NaN for
+    a vessel that has vanished.
     """
 
     points: Array32

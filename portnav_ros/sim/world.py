@@ -15,7 +15,7 @@ from portnav_ros.control.autopilot import PID_SIZE
 from portnav_ros.sim import kernels
 from portnav_ros.sim.kernels import Body, Chart
 from portnav_ros.sim.lidar import Sensor, ray_directions
-from portnav_ros.sim.scenario import Scenario, ScenarioError, Traffic
+from portnav_ros.sim.scenario import Scenario, ScenarioError
 from portnav_ros.sim.traffic import Crowd
 from portnav_ros.types import STATE_SIZE, SURGE, YAW, AnyArray, Array, Array32, IntArray, Outcome, X, Y
 
@@ -164,7 +164,7 @@ class World:
         if any(need > have for need, have in zip(needs, self._capacity, strict=True)):
             self._grow(Capacity(*map(max, needs, self._capacity)))
         _load_chart(self._chart, b, scenario)
-        _load_crowd(self._crowd, b, scenario.traffic)
+        _load_crowd(self._crowd, b, scenario)
         _load_body(self._body, b, scenario)
         chart = Chart._make(array[b : b + 1] for array in self._chart)
         crowd = Crowd._make(array[b : b + 1] for array in self._crowd)
@@ -299,7 +299,8 @@ def _load_chart(chart: Chart, b: int, scenario: Scenario) -> None:
     chart.goal[b] = (*scenario.goal, scenario.goal_radius_m)
 
 
-def _load_crowd(crowd: Crowd, b: int, traffic: Traffic) -> None:
+def _load_crowd(crowd: Crowd, b: int, scenario: Scenario) -> None:
+    traffic = scenario.traffic
     _fill(crowd.points[b], traffic.tracks.points)
     _fill(crowd.offsets[b], traffic.tracks.offsets)
     _fill(crowd.destination[b], traffic.tracks.destination)
@@ -308,7 +309,8 @@ def _load_crowd(crowd: Crowd, b: int, traffic: Traffic) -> None:
     _fill(crowd.speed[b], traffic.speed)
     _fill(crowd.track[b], traffic.track)
     crowd.vessels[b] = _fill(crowd.progress[b], traffic.progress)
-    crowd.arrival[b], crowd.seed[b] = int(traffic.arrival), traffic.seed
+    crowd.arrival[b] = int(traffic.arrival)
+    crowd.seed[b] = traffic.seed if len(traffic) else scenario.seed
     crowd.leg[b], crowd.turn[b], crowd.pose[b] = 0, 0.0, np.nan
 
 

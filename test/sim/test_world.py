@@ -145,6 +145,32 @@ def test_reset_loads_a_larger_scenario():
     assert world.outcome.tolist() == [Outcome.SUCCESS, Outcome.COLLISION_QUAY]
 
 
+NOISY = LidarParams(noise_m=2.0, drop_out=0.1)
+
+
+def noisy(seed):
+    return scenario(seed=seed, lidar=NOISY)
+
+
+def test_noise_without_traffic_follows_the_seed():
+    first, again, other = (sail(World([noisy(seed)]), (0.0, 5.0), 3) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first.own, other.own)
+    np.testing.assert_array_equal(first.ranges, again.ranges)
+    assert np.mean(first.ranges != other.ranges) > 0.5
+
+
+def test_environments_without_traffic_have_noise_of_their_own():
+    world = World([noisy(1), noisy(2)])
+    assert np.mean(world.ranges[0] != world.ranges[1]) > 0.5
+    world.reset(0, noisy(2))
+    np.testing.assert_array_equal(world.ranges[0], world.ranges[1])
+
+
+def test_noise_among_traffic_follows_the_seed_of_the_traffic():
+    one, other = (World([dataclasses.replace(noisy(seed), traffic=crossing())]) for seed in (1, 2))
+    np.testing.assert_array_equal(one.ranges, other.ranges)
+
+
 def test_scenarios_of_a_world_share_their_sensor():
     with pytest.raises(ScenarioError, match='share'):
         World([scenario(), scenario(lidar=LidarParams(rays=90))])
