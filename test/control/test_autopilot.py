@@ -22,8 +22,8 @@ LARGE = VesselParams(
 )
 
 
-def run(vessel, own, yaw, speed, seconds):
-    memory, model, gains = np.zeros(2), vessel.model(), AutopilotParams().gains()
+def run(vessel, own, yaw, speed, seconds, **changes):
+    memory, model, gains = np.zeros(2), vessel.model(), AutopilotParams(**changes).gains()
     log = []
     for _ in range(round(seconds / DT)):
         rudder, thrust = steer(gains, model, memory, own, yaw, speed, DT)
@@ -58,10 +58,16 @@ def test_heading_takes_the_short_way_round():
     assert log[-1, YAW] == pytest.approx(math.radians(190.0), abs=0.01)
 
 
-def test_a_long_saturation_leaves_no_windup():
+def test_a_long_saturation_of_the_thrust_leaves_no_windup():
+    log = run(LARGE, np.zeros(7), 0.0, 4.5, 600.0, speed_integral_limit=1.0)
+    assert log[:, SURGE].max() < 4.5 * 1.02
+
+
+def test_a_long_saturation_of_the_rudder_leaves_no_windup():
     own = np.zeros(7)
-    log = run(LARGE, own, 0.0, 4.5, 600.0)
-    assert log[:, SURGE].max() < 4.5 * 1.05
+    own[SURGE] = 5.0
+    log = run(SMALL, own, math.radians(170.0), 5.0, 60.0, heading_ki=0.02, heading_integral_limit=1.0)
+    assert log[:, YAW].max() < math.radians(170.0 * 1.05)
 
 
 def test_rudder_reverses_with_sternway():

@@ -145,6 +145,34 @@ def test_reset_loads_a_larger_scenario():
     assert world.outcome.tolist() == [Outcome.SUCCESS, Outcome.COLLISION_QUAY]
 
 
+def tick(world, thrust, seconds):
+    """Sail under ticks alone: nothing is sensed after the reset."""
+    for _ in range(round(seconds / TICK_S)):
+        world.tick(np.zeros(1), np.array([thrust]))
+    return world.outcome[0]
+
+
+def test_contacts_are_found_by_ticks_that_are_never_sensed():
+    full = scenario().vessel.thrust_max_n
+    quay = scenario(start=(1000.0, 0.0, math.pi / 2), start_speed_mps=5.0)
+    assert tick(World([quay]), full, 60.0) == Outcome.COLLISION_QUAY
+    beyond_the_sensor = scenario(start=(1000.0, 0.0, 0.0), start_speed_mps=5.0, goal=(100.0, 0.0))
+    assert tick(World([beyond_the_sensor]), full, 240.0) == Outcome.COLLISION_QUAY
+    harbour = Harbour('b', CANAL.water, np.array([[500.0, 0.0, 2.0]]), charted=np.array([False]))
+    buoy = scenario(harbour=harbour, start_speed_mps=5.0)
+    assert tick(World([buoy]), full, 120.0) == Outcome.COLLISION_BUOY
+
+
+def test_a_fast_vessel_is_felt_by_a_hull_at_rest_that_is_never_sensed():
+    track = crossing().tracks
+    lying_and_fast = Traffic(
+        track, np.full((2, 2), (40.0, 8.0)), np.array([0.0, 20.0]), np.zeros(2, int), np.array([180.0, 0.0])
+    )
+    world = World([scenario(start=(500.0, 0.0, 0.0), traffic=lying_and_fast)])
+    assert tick(world, 0.0, 8.0) == Outcome.COLLISION_VESSEL
+    assert world.time_s[0] == pytest.approx((90.0 - 20.0 - 0.5 * world.vessel.beam_m) / 20.0, abs=0.25)
+
+
 NOISY = LidarParams(noise_m=2.0, drop_out=0.1)
 
 
