@@ -18,6 +18,7 @@ from portnav_ros.sim.lidar import Sensor, ray_directions
 from portnav_ros.sim.scenario import Scenario, ScenarioError
 from portnav_ros.sim.traffic import Crowd
 from portnav_ros.types import STATE_SIZE, SURGE, YAW, AnyArray, Array, Array32, IntArray, Outcome, X, Y
+from portnav_ros.vessel import VesselParams
 
 TICK_S = kernels.TICK_S
 DECISION_S = kernels.DECISION_S
@@ -31,6 +32,17 @@ class Capacity(NamedTuple):
     vessels: int
     tracks: int
     points: int
+
+
+def _check_hull(vessel: VesselParams) -> None:
+    """Refuse a vessel that could pass through a quay between two looks for contacts."""
+    way_m = vessel.speed_max_mps * kernels.CHECK_S
+    if way_m > vessel.length_m:
+        raise ScenarioError(
+            f'vessel {vessel.name}: length_m = {vessel.length_m:g} is less than the {way_m:.2f} m that it '
+            f'sails at speed_max_mps = {vessel.speed_max_mps:.2f} in the {kernels.CHECK_S:g} s between two '
+            f'looks for contacts; raise length_m or lower speed_max_mps (by thrust_max_n)'
+        )
 
 
 def _needs(scenario: Scenario) -> Capacity:
@@ -57,11 +69,13 @@ class World:
         """Build a world of one environment for each scenario.
 
         Raises:
-            ScenarioError: no scenario, or scenarios with different vessels, autopilots or sensors.
+            ScenarioError: no scenario, scenarios with different vessels, autopilots or sensors, or a
+                vessel that is shorter than the way it sails from one look for contacts to the next.
         """
         if not scenarios:
             raise ScenarioError('a world needs at least one scenario')
         first = scenarios[0]
+        _check_hull(first.vessel)
         self.batch = len(scenarios)
         self.vessel, self.autopilot, self.lidar = first.vessel, first.autopilot, first.lidar
         self._model, self._gains = self.vessel.model(), self.autopilot.gains()

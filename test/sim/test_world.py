@@ -13,6 +13,7 @@ from portnav_ros.params import ParamError
 from portnav_ros.sim.scenario import LidarParams, Scenario, ScenarioError, Tracks, Traffic
 from portnav_ros.sim.world import TICK_S, World
 from portnav_ros.types import SURGE, YAW, Outcome, X, Y
+from portnav_ros.vessel import VesselParams
 
 CANAL = Harbour('canal', box(0, -100, 2000, 100))
 
@@ -197,6 +198,15 @@ def test_environments_without_traffic_have_noise_of_their_own():
 def test_noise_among_traffic_follows_the_seed_of_the_traffic():
     one, other = (World([dataclasses.replace(noisy(seed), traffic=crossing())]) for seed in (1, 2))
     np.testing.assert_array_equal(one.ranges, other.ranges)
+
+
+def test_a_hull_shorter_than_its_way_between_two_looks_for_contacts_is_refused():
+    dinghy = VesselParams(name='dinghy', length_m=1.0, beam_m=0.5)
+    with pytest.raises(
+        ScenarioError, match=r'dinghy: length_m = 1 .*1\.25 m .*speed_max_mps = 5\.00.*; raise'
+    ):
+        World([scenario(vessel=dinghy)])
+    World([scenario(vessel=dataclasses.replace(dinghy, length_m=1.25))])
 
 
 def test_scenarios_of_a_world_share_their_sensor():
