@@ -13,6 +13,7 @@ import shutil
 import sys
 import time
 from collections.abc import Iterator, MutableMapping
+from contextlib import suppress
 from pathlib import Path
 
 VARIABLE = 'NUMBA_CACHE_DIR'
@@ -44,7 +45,7 @@ def keep_kernels(package: Path, environment: MutableMapping[str, str]) -> None:
 
 def digest(package: Path) -> str:
     """Hash of the files that hold kernels, and of those that they import from."""
-    content = {file: file.read_bytes() for file in package.rglob('*.py')}
+    content = {file: file.read_bytes() for file in package.rglob('*.py') if file.is_file()}
     sources = {file for file, text in content.items() if b'njit' in text}
     for file in list(sources):
         names = (name.decode().split('.') for name in _IMPORTED.findall(content[file]))
@@ -62,8 +63,11 @@ def _parents(package: Path, environment: MutableMapping[str, str]) -> Iterator[P
         yield folder.parent if folder.name.startswith(PREFIX) else folder
         return
     yield package / '__pycache__'
-    cache = environment.get('XDG_CACHE_HOME')
-    yield (Path(cache) if cache else Path.home() / '.cache') / 'portnav_ros'
+    if cache := environment.get('XDG_CACHE_HOME'):
+        yield Path(cache) / 'portnav_ros'
+        return
+    with suppress(RuntimeError):  # nobody's home, as in a container under a number that is no user's
+        yield Path.home() / '.cache' / 'portnav_ros'
 
 
 def _remove_unused(parent: Path) -> None:

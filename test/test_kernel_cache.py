@@ -92,6 +92,23 @@ def test_a_package_that_cannot_be_written_has_its_kernels_in_the_users_cache(pac
     assert nowhere == {VARIABLE: str(tmp_path / 'file')}
 
 
+def test_the_lock_of_an_editor_is_no_source(package):
+    before = digest(package)
+    (package / '.#inner.py').symlink_to('somebody@somewhere')
+    assert digest(package) == before
+
+
+def test_without_a_place_all_stays_as_numba_has_it(package, monkeypatch):
+    def nobody():
+        raise RuntimeError('Could not determine home directory.')
+
+    monkeypatch.setattr(Path, 'home', nobody)
+    (package / '__pycache__').write_text('no folder')
+    environment = {}
+    keep_kernels(package, environment)
+    assert environment == {}
+
+
 def test_kernels_that_nobody_uses_any_more_are_removed(package, tmp_path):
     old, young, foreign = (tmp_path / name for name in (f'{PREFIX}old', f'{PREFIX}young', 'foreign'))
     for folder in (old, young, foreign):
